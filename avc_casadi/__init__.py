@@ -32,6 +32,7 @@ __all__ = ["Problem", "catalogue", "catalogue_path", "dump_problem", "load_devic
 __all__ += ["AdmittanceCertificate", "AdmittanceProblem", "certify_admittance", "load_admittance"]
 __all__ += ["AdmittanceRecommendation", "MassWidth", "mass_width", "recommend_admittance"]
 __all__ += ["Coupling", "LawCertificate", "Recommendation", "certify_law", "recommend", "zwidth"]
+__all__ += ["certify_joint", "recommend_joint"]
 __all__ += ["Certificate", "Deployable", "Run", "certify", "deployable", "screen", "simulate", "simulate_batch"]
 __all__ += ["Comparison", "GainSchedule", "compare", "figures", "read_coupling", "solve", "write_coupling"]
 __all__ += ["AvcError", "Fault", "InputError", "NotDeployableError", "UnsupportedError", "fault_document"]
@@ -62,6 +63,7 @@ if TYPE_CHECKING:
     from avc_casadi.claims.admittance import AdmittanceCertificate, certify_admittance
     from avc_casadi.claims.certify import Certificate, certify
     from avc_casadi.claims.deployable import Deployable, deployable
+    from avc_casadi.claims.joint import certify_joint
     from avc_casadi.claims.mass_width import MassWidth, mass_width
     from avc_casadi.claims.own_law import LawCertificate, certify_law
     from avc_casadi.claims.zwidth import zwidth
@@ -79,6 +81,7 @@ if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
     from avc_casadi.present import figures
     from avc_casadi.recommendation.admittance import AdmittanceRecommendation, recommend_admittance
+    from avc_casadi.recommendation.joint import recommend_joint
     from avc_casadi.recommendation.recommend import recommend
     from avc_casadi.recommendation.recommendation import Recommendation
     from avc_casadi.simulation.scene import Run, simulate_batch
@@ -95,8 +98,10 @@ else:
         "files.admittance_file": "load_admittance",
         "claims.zwidth": "zwidth",
         "claims.deployable": "Deployable deployable",
+        "claims.joint": "certify_joint",
         "claims.own_law": "LawCertificate certify_law",
         "recommendation.recommendation": "Recommendation",
+        "recommendation.joint": "recommend_joint",
         "recommendation.recommend": "recommend",
         "coupling": "Coupling",
         "model.gains": "GainSchedule",

@@ -50,6 +50,7 @@ _HELD = f"choose the grip: {', '.join(HOLDS)} (default: grip)"
     *_value_options(),
     cli.argument("--model", metavar="M", text="compute the mass at --tip from an MJCF or URDF model (MuJoCo)"),
     cli.argument("--tip", metavar="NAME", text="name the site, body or geom of --model that the hand holds"),
+    cli.argument("--joint", metavar="NAME", text="read the inertia, step, kp and kd of a joint of --model (no device)"),
     cli.flag("--force", "overwrite an existing file"),
 )
 def run_new(args: argparse.Namespace, console: Console) -> Answer:
@@ -63,6 +64,8 @@ def run_new(args: argparse.Namespace, console: Console) -> Answer:
     if args.file.exists() and not args.force:
         message = f"{str(args.file)!r} exists; choose another name, or use --force"
         raise avc.InputError.of(message, key="FILE")
+    if args.joint is not None:
+        return _new_joint(args, console)
     values = {(option, name): vars(args)[name[2:].replace("-", "_")] for option in EVERY for name in option.names}
     typed = {key: value for key, value in values.items() if value is not None}
     turned = any(option is RADIUS or name == option.option_turning for option, name in typed)
@@ -88,6 +91,21 @@ def run_new(args: argparse.Namespace, console: Console) -> Answer:
         model=None if new.tip is None else rows.design.ModelledMass(args.model, args.tip, new.tip),
     )
     return rows.design.new(result, str(args.file))
+
+
+def _new_joint(args: argparse.Namespace, console: Console) -> Answer:
+    """Write the file of a joint of a model."""
+    from avc_casadi.files.joint_model import modelled_joint
+
+    of_device = [name for option in EVERY for name in option.names] + ["--like", "--tip"]
+    for name in of_device:
+        if vars(args)[name[2:].replace("-", "_")] is not None:
+            raise avc.InputError.of("is of a device, and --joint is moved by an engine; leave it out", key=name)
+    if args.model is None:
+        raise avc.InputError.of("is missing; allowed: the model of the joint, MJCF or URDF", key="--model")
+    joint = modelled_joint(Path(args.model), args.joint)
+    console.write(args.file, joint.text())
+    return rows.joint.drafted(joint, joint.problem(args.file), str(args.file))
 
 
 def _names_of(new: NewProblem) -> dict[str, str]:
@@ -140,6 +158,7 @@ def _at_tip(new: NewProblem, model: str | None, tip: str | None) -> NewProblem:
     cli.flag("--prove", "prove the chosen coupling as `avc certify --prove` does; may take minutes"),
     cli.flag("--trade-off", "list the impedance error at several disk margins"),
     cli.argument("--hands", type=cli.positive_int, default=100, metavar="N", text=_HANDS),
+    cli.argument("--frequency", metavar="F", text='choose kp of a simulated joint for this frequency ("10 Hz")'),
     cli.VERBOSE,
 )
 def run_recommend(args: argparse.Namespace, console: Console) -> Answer:
@@ -149,6 +168,8 @@ def run_recommend(args: argparse.Namespace, console: Console) -> Answer:
     the device released.
     For an admittance device (drive = "velocity") it recommends the virtual mass and damping of least
     effort; --out then writes the problem with this law, as .toml.
+    For a joint that an engine moves (a file with [simulation] and without [device]) it
+    recommends kp and kd.
     """
     from avc_casadi.cli import admittance
     from avc_casadi.files.admittance_file import is_admittance
@@ -158,38 +179,17 @@ def run_recommend(args: argparse.Namespace, console: Console) -> Answer:
     with console.step(args.problem):
         problem = avc.load_problem(args.problem)
 
-    if _is_pair(problem):
-        cli.refuse(args, "stiffest", "lean_on_friction", "prove", "trade_off", why=cli.OF_WALLS)
     if args.out is not None and args.out.suffix.lower() != ".json":
         raise avc.InputError.of("ends in .toml; allowed: .json, a coupling", key="out")
-    recommendation = cli.recommended(
-        problem,
-        console,
-        args.hands,
-        with_trade_off=args.trade_off,
-        stiffest=args.stiffest,
-        lean_on_friction=args.lean_on_friction,
-        prove=args.prove,
-    )
-    written = None
-    # What the trials refuse, other verbs would take: they judge linear stability alone.
-    if args.out is not None and recommendation.coupling is not None and recommendation.deployable:
-        console.write(args.out, coupling_text(recommendation.coupling))
-        written = str(args.out)
-    return rows.recommend.recommendation(recommendation, args.problem, written)
+    from avc_casadi.cli import ends
+
+    return ends.recommended(problem.end, problem, args, console)
 
 
 def _is_pair(problem: avc.Problem) -> bool:
     from avc_casadi.model.ends import Wall
 
     return not isinstance(problem.end, Wall)
-
-
-def coupling_text(coupling: avc.Coupling, **further: Any) -> str:
-    """Return the text of a coupling file, with what else stands in it."""
-    from avc_casadi.files.coupling_file import coupling_document
-
-    return json_text(further | coupling_document(coupling), coupling.units)
 
 
 @cli.verb(
@@ -207,6 +207,7 @@ def run_solve(args: argparse.Namespace, console: Console) -> Answer:
     One row of the answer says whether the gains are deployable.
     Exit code 1 if a frequency has no gains.
     """
+    from avc_casadi.cli.ends import coupling_text
     from avc_casadi.coupling import Coupling
     from avc_casadi.design.solution import SolvedGains
     from avc_casadi.files.coupling_file import gain_csv
@@ -268,8 +269,11 @@ def run_run(args: argparse.Namespace, console: Console) -> Answer:
     The gains of the paper's problem are for comparison only (gains.json).
     This verb is for walls; for a [simulation] or [follower] use `avc recommend`.
     """
+    from avc_casadi.cli.ends import coupling_text
+    from avc_casadi.files.problem_file import as_device
+
     with console.step(args.problem):
-        problem = avc.load_problem(args.problem)
+        problem = as_device(args.problem)
     if _is_pair(problem):
         command = f"avc recommend {quote(args.problem)} --out coupling.json"
         raise avc.InputError.of(f"has no wall, which avc run needs; use {command}", key="P")

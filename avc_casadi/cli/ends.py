@@ -17,23 +17,30 @@ from avc_casadi._util.files import write_file
 from avc_casadi._util.json_values import json_text
 from avc_casadi.claims.certify import proof_files
 from avc_casadi.claims.deployable import require_deployable
+from avc_casadi.claims.joint import certify_joint
 from avc_casadi.claims.own_law import SpringDamper, valid_law
 from avc_casadi.claims.zwidth import zwidth
 from avc_casadi.cli import arguments as cli
 from avc_casadi.cli.console import Console, output_folder, write_figure
+from avc_casadi.cli.law import hertz
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.scene_coupling import SimulatedPair, SimulatedScene, law_scene, scene_coupling, scene_notes
 from avc_casadi.design.tool_region import tool_region
 from avc_casadi.design.virtual_tool import certify_pair, search_of
+from avc_casadi.files.coupling_file import coupling_document
+from avc_casadi.files.problem_file import as_device
 from avc_casadi.model.declared import with_gains
 from avc_casadi.model.ends import End, Simulation, ToolGains, Wall
 from avc_casadi.model.gains import NO_COUPLING, Gains, GainSchedule, missing_rest_gains
+from avc_casadi.model.joint import Joint
 from avc_casadi.present import rows
 from avc_casadi.present.row import Answer
 from avc_casadi.present.rows.deploy import Deployment
 from avc_casadi.recommendation.preconditions import not_used
 from avc_casadi.simulation.screen import explain
 from avc_hardware.codegen.pair_export import pair_verdict
+
+_OF_DEVICES = "is an option of devices, and P is a joint that an engine moves; leave it out"
 
 
 @dataclass(frozen=True)
@@ -147,6 +154,50 @@ def _law_certified_at_wall(
         return rows.judge.own_law(avc.certify_law(problem, **law), args.problem)
 
 
+@law_certified.register
+def _law_certified_of_joint(
+    end: Joint,  # noqa: ARG001
+    problem: avc.Problem,
+    law: dict[str, Any],
+    args: argparse.Namespace,
+    console: Console,
+) -> Answer:
+    cli.refuse(args, "b_p", "cutoff_hz", "ki", "virtual_mass", "notch", why=_OF_DEVICES)
+    velocity = problem.law is not None and "velocity" in problem.law.model_fields_set
+    with console.step("kp and kd of the joint"):
+        result = certify_joint(problem, law.get("k"), law.get("b"), difference=velocity)
+    return rows.joint.certificate(result, args.problem)
+
+
+@singledispatch
+def recommended(end: End, problem: avc.Problem, args: argparse.Namespace, console: Console) -> Answer:
+    """Return the answer of `recommend`."""
+    cli.refuse(args, "frequency", why="is of a joint that an engine moves, and P has a device; leave it out")
+    if not isinstance(end, Wall):
+        cli.refuse(args, "stiffest", "lean_on_friction", "prove", "trade_off", why=cli.OF_WALLS)
+    options = {"stiffest": args.stiffest, "lean_on_friction": args.lean_on_friction, "prove": args.prove}
+    recommendation = cli.recommended(problem, console, args.hands, with_trade_off=args.trade_off, **options)
+    written = None
+    # What the trials refuse, other verbs would take: they judge linear stability alone.
+    if args.out is not None and recommendation.coupling is not None and recommendation.deployable:
+        console.write(args.out, coupling_text(recommendation.coupling))
+        written = str(args.out)
+    return rows.recommend.recommendation(recommendation, args.problem, written)
+
+
+@recommended.register
+def _recommended_of_joint(end: Joint, problem: avc.Problem, args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG001
+    cli.refuse(args, "out", "stiffest", "lean_on_friction", "prove", "trade_off", why=_OF_DEVICES)
+    frequency_hz = None if args.frequency is None else hertz(args.frequency, "frequency")
+    with console.step("kp and kd of the joint"):
+        return rows.joint.recommendation(avc.recommend_joint(problem, frequency_hz), args.problem)
+
+
+def coupling_text(coupling: Coupling, **further: Any) -> str:
+    """Return the text of a coupling file, with what else stands in it."""
+    return json_text(further | coupling_document(coupling), coupling.units)
+
+
 def _pair_certified(problem: avc.Problem, gains: ToolGains, file: str, console: Console) -> Answer:
     with console.step("certificate"):
         search = search_of(problem.end, problem)
@@ -158,7 +209,7 @@ def _pair_certified(problem: avc.Problem, gains: ToolGains, file: str, console: 
 @singledispatch
 def simulated(end: End, subject: GivenCoupling, args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG001
     """Return the answer of `simulate`: of an end that no scene has, the scene of the device with its wall."""
-    problem, notes = subject.problem, subject.notes
+    problem, notes = as_device(subject.problem), subject.notes
     given: Coupling | GainSchedule | Gains | None = subject.coupling
     if given is None and problem.law is not None:
         cli.refuse(args, "against", why="compares couplings, and P has a table [law], which runs in their place")

@@ -9,6 +9,7 @@ from typing import Any
 import avc_casadi as avc
 from avc_casadi.files.problem_file import is_device
 from avc_casadi.model.control_law import VELOCITIES
+from avc_casadi.model.joint import Joint
 from avc_casadi.model.quantity import read_quantity
 from avc_casadi.model.table import shown
 
@@ -22,15 +23,16 @@ def law_pieces(args: argparse.Namespace) -> dict[str, Any]:
     if args.velocity is not None:
         keys["velocity"] = _velocity(args.velocity)
     if args.notch is not None:
-        keys["filters"] = ({"kind": "notch", "frequency_hz": _hertz(args.notch, "notch")},)
+        keys["filters"] = ({"kind": "notch", "frequency_hz": hertz(args.notch, "notch")},)
     return keys
 
 
 def states_law(source: str, gains: str | None) -> bool:
-    """Return whether a source is a problem with a law that no file of gains stands beside."""
+    """Return whether a source is a problem with a law that no file of gains stands beside, or a joint."""
     if gains is not None or source.endswith(".json") or is_device(source):
         return False
-    return avc.load_problem(source).law is not None
+    problem = avc.load_problem(source)
+    return problem.law is not None or isinstance(problem.end, Joint)
 
 
 def with_pieces(problem: avc.Problem, pieces: dict[str, Any], law: dict[str, float]) -> avc.Problem:
@@ -47,16 +49,17 @@ def _velocity(typed: str) -> Any:
     if kind == "window" and re.fullmatch(r"\s*\d{1,6}(\s*samples?)?\s*", number):
         return VELOCITIES[kind](samples=int(re.findall(r"\d+", number)[0]))
     if kind == "low-pass" and number:
-        return VELOCITIES[kind](cutoff_hz=_hertz(number, "velocity"))
+        return VELOCITIES[kind](cutoff_hz=hertz(number, "velocity"))
     if kind == "kalman" and number:
-        return VELOCITIES[kind](bandwidth_hz=_hertz(number, "velocity"))
+        return VELOCITIES[kind](bandwidth_hz=hertz(number, "velocity"))
     if kind == "ticks" and number:
         return VELOCITIES[kind](timeout_s=_typed(number, "s", "velocity"))
     allowed = 'allowed: "difference", "window 5" (samples), "low-pass 80 Hz", "kalman 40 Hz", "ticks 20 ms"'
     raise avc.InputError.of(f"is {shown(typed)}; {allowed}", key="velocity")
 
 
-def _hertz(typed: str, option: str) -> float:
+def hertz(typed: str, option: str) -> float:
+    """Return a frequency as typed, in Hz."""
     return _typed(typed, "Hz", option)
 
 

@@ -13,9 +13,10 @@ from typing import Any, TypeVar
 from pydantic_core import PydanticCustomError
 
 from avc_casadi._errors import InputError, UnsupportedError
-from avc_casadi._util.units import LINEAR, Units, units_for
+from avc_casadi._util.units import LINEAR, ROTARY, Units, units_for
 from avc_casadi.model import quantity as q
 from avc_casadi.model import table as t
+from avc_casadi.model.joint import NoDevice
 from avc_casadi.model.table import UNKNOWN, checked
 
 COUNTS = "encoder_counts_per_turn"
@@ -170,6 +171,13 @@ class Border:
         detent = self.tables.get("detent")
         if isinstance(detent, dict) and not self.rest.linear:
             self._per_turn(detent, "per_turn", "pitch_m", _DETENTS_PER_TURN, ("detent",))
+
+    def read_joint(self, tables: Mapping[str, Any]) -> None:
+        """Take the tables of a file without a device: an inertia, or another key of what turns, says its motion."""
+        keys = {key for name in ("simulation", "law") if isinstance(tables.get(name), Mapping) for key in tables[name]}
+        units = ROTARY if any(ROTARY.inner(key) != key for key in keys) else LINEAR
+        self.read(tables, None, units)
+        self.tables["device"] = NoDevice(motion=units.motion, mass_kg=0.0, damping_ns_per_m=0.0)
 
     def _counted(self, device: dict[str, Any], path: t.Path) -> None:
         """Replace counts per turn of a device and of its range by the encoder's resolution."""

@@ -136,6 +136,9 @@ def with_device(tables: Mapping[str, Any], folder: Path | None) -> Border | t.Fi
             bases[name] = base
             tables[name] = {key: value for key, value in table.items() if key != "from"}
     border = Border()
+    if "device" not in tables and isinstance(tables.get("simulation"), Mapping):
+        border.read_joint(tables)
+        return border
     border.read(tables, *border.device_table(tables.get("device"), bases.get("device", {})))
     if "follower" in bases:
         border.tables["follower"] = overridden(bases["follower"], border.tables["follower"])

@@ -45,7 +45,7 @@ class TipMass:
 
 def tip_mass(path: Path, tip: str) -> TipMass:
     """Return the mass at a site, body or geom of a model, over all poses within the limits of its joints."""
-    moved = _Tip(_model(path), tip)
+    moved = _Tip(mujoco_model(path), tip)
     lowest_pose, highest_pose = moved.limits
     poses = np.random.default_rng(0).uniform(lowest_pose, highest_pose, size=(_POSES, len(lowest_pose)))
     masses = np.array([moved.masses(pose) for pose in poses])
@@ -75,7 +75,8 @@ def tip_mass(path: Path, tip: str) -> TipMass:
     )
 
 
-def _mujoco() -> Any:
+def mujoco_library() -> Any:
+    """Return the package MuJoCo."""
     try:
         import mujoco  # noqa: PLC0415 - an extra
     except ImportError as error:
@@ -83,9 +84,9 @@ def _mujoco() -> Any:
     return mujoco
 
 
-def _model(path: Path) -> Any:
+def mujoco_model(path: Path) -> Any:
     """Return the model of a file; of a URDF no shapes, whose files often lie elsewhere, and every link by its name."""
-    mujoco = _mujoco()
+    mujoco = mujoco_library()
     if not path.is_file():
         raise InputError.of(f"{str(path)!r} does not exist; give an MJCF or URDF model", key="--model")
     try:
@@ -117,7 +118,7 @@ class _NamedPoint:
 
 def _points(model: Any) -> list[_NamedPoint]:
     """Return every site, body and geom of a model, in this order."""
-    mujoco = _mujoco()
+    mujoco = mujoco_library()
     sites = [
         _NamedPoint(model.site(index).name, index, model.site_bodyid[index], mujoco.mj_jacSite)
         for index in range(model.nsite)
@@ -147,7 +148,7 @@ class _Tip:
     """
 
     def __init__(self, model: Any, name: str) -> None:
-        mujoco = _mujoco()
+        mujoco = mujoco_library()
         self.model = model
         self.data = mujoco.MjData(model)
         self._point = _point_named(model, name)
@@ -173,7 +174,7 @@ class _Tip:
 
     def _columns(self, positions: FloatArray) -> FloatArray:
         """Return the Jacobian of the tip's position, (3, joints of the model)."""
-        mujoco = _mujoco()
+        mujoco = mujoco_library()
         self.data.qpos[:] = positions
         mujoco.mj_fwdPosition(self.model, self.data)
         columns = np.zeros((3, self.model.nv))
@@ -193,7 +194,7 @@ class _Tip:
         """
         columns = self._columns_in(pose)
         accelerations = np.zeros_like(columns)
-        _mujoco().mj_solveM(self.model, self.data, accelerations, columns)
+        mujoco_library().mj_solveM(self.model, self.data, accelerations, columns)
         mobility = np.linalg.eigvalsh(accelerations @ columns.T)[::-1]
         movable = mobility > _IMMOVABLE * mobility[0]
         return np.where(movable, 1 / np.where(movable, mobility, 1.0), np.inf)
@@ -204,8 +205,15 @@ class _Tip:
         return float(1 / np.linalg.eigvalsh(columns / self.dampings @ columns.T)[-1])
 
     def least(self, value: Callable[[FloatArray], float], poses: FloatArray) -> float:
-        """Return the least value over poses: of the lowest among many, by a search from each."""
-        lowest = np.argsort([value(pose) for pose in poses])[:_SEARCHES]
-        bounds = list(zip(*self.limits, strict=True))
-        results = [minimize(value, pose, method="Nelder-Mead", bounds=bounds) for pose in poses[lowest]]
-        return min(float(result.fun) for result in results)
+        """Return the least value over poses."""
+        return least_over_poses(value, poses, self.limits)
+
+
+def least_over_poses(
+    value: Callable[[FloatArray], float], poses: FloatArray, limits: tuple[FloatArray, FloatArray]
+) -> float:
+    """Return the least value over poses: of the lowest among many, by a search from each within the limits."""
+    lowest = np.argsort([value(pose) for pose in poses])[:_SEARCHES]
+    bounds = list(zip(*limits, strict=True))
+    results = [minimize(value, pose, method="Nelder-Mead", bounds=bounds) for pose in poses[lowest]]
+    return min(float(result.fun) for result in results)

@@ -24,6 +24,7 @@ from avc_casadi.files.catalogue import (
 from avc_casadi.files.device_file import DeviceFile, with_device
 from avc_casadi.files.toml import KeyLines, tables_of, text_of, toml_lines
 from avc_casadi.model.ends import Wall
+from avc_casadi.model.joint import NoDevice
 from avc_casadi.model.problem import Frequency, Problem
 from avc_casadi.model.table import Finding, dotted, refused, shown, valid
 from avc_casadi.model.table import Path as KeyPath
@@ -32,6 +33,8 @@ BELOW_NYQUIST = 0.45
 """End of the band of a slow device, as a share of the sampling rate, the same as by default."""
 _LONGEST_BANDED_S = 0.25
 """Longest sample time for which the band is limited."""
+_TABLES_OF_A_JOINT = ("name", "title", "source", "simulation", "law")
+"""What a file of a joint without a device states."""
 
 
 def load_problem(source: str | Path) -> Problem:
@@ -96,6 +99,19 @@ def load_any(problem: AnyProblem) -> Problem:
     raise refused(result, "problem")
 
 
+def as_device(problem: AnyProblem) -> Problem:
+    """Return a problem as by `load_any`.
+
+    Raises:
+        UnsupportedError: it is a joint that an engine moves, without a device.
+    """
+    loaded = load_any(problem)
+    if isinstance(loaded.device, NoDevice):
+        fact = f"{loaded.name or 'it'} is a joint that an engine moves, without a device and a hand"
+        raise UnsupportedError(f"{fact}; ask avc certify P --kp KP --kd KD, or avc recommend P", key="device")
+    return loaded
+
+
 def _not_finite(path: KeyPath, value: Any) -> Iterator[Finding]:
     """Yield the numbers that `model_copy` put in place unchecked."""
     if isinstance(value, Mapping | tuple):
@@ -110,7 +126,7 @@ def accepts_problem(function: F) -> F:
 
     @wraps(function)
     def of_any(problem: AnyProblem, *args: Any, **options: Any) -> Any:
-        loaded = load_any(problem)
+        loaded = as_device(problem)
         with in_keys_of(loaded.units):
             return function(loaded, *args, **options)
 
@@ -118,8 +134,8 @@ def accepts_problem(function: F) -> F:
 
 
 def require_wall(problem: AnyProblem) -> Problem:
-    """Return a problem as by `load_any`, with a wall rendered by the device's own loop."""
-    loaded = load_any(problem)
+    """Return a problem as by `as_device`, with a wall rendered by the device's own loop."""
+    loaded = as_device(problem)
     wall, end = loaded.wall, loaded.end
     if not (isinstance(end, Wall) or wall.stiffness_n_per_m or wall.damping_ns_per_m):
         fact = f"{loaded.name or 'it'} couples to a [{end.kind}], not a wall"
@@ -226,7 +242,9 @@ def problem_document(problem: Problem) -> dict[str, Any]:
 
 
 def _tables_of(problem: Problem, mode: Literal["json", "python"]) -> dict[str, Any]:
-    """Return the tables of a problem; a band of listed frequencies holds these alone."""
+    """Return the tables of a problem; a band of listed frequencies holds these alone, a joint what it states."""
+    if isinstance(problem.device, NoDevice):
+        return problem.model_dump(mode=mode, include=set(_TABLES_OF_A_JOINT), exclude_unset=True, exclude_none=True)
     tables = problem.model_dump(mode=mode, exclude_none=True)
     if "values_hz" in tables["frequency"]:
         tables["frequency"] = {"values_hz": tables["frequency"]["values_hz"]}

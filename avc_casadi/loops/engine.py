@@ -305,7 +305,7 @@ class ToolLoops(LoopFamily):
             _region(problem, plants, clocked, contacts, side.box)
             for side in family.sides
             for clocked in clock_ranges(tool.step_s, sample_time_s, beats=not side.varies)
-            for contacts in _contacts_n_per_m(tool)
+            for contacts in contact_knots_n_per_m(tool)
         ]
         super().__init__(corners, regions)
 
@@ -407,7 +407,7 @@ def contact_stiffnesses_n_per_m(tool: Simulation) -> list[float]:
     return sorted({0.0, *between, RIGID_N_PER_M})
 
 
-def _contacts_n_per_m(tool: Simulation) -> list[FloatArray]:
+def contact_knots_n_per_m(tool: Simulation) -> list[FloatArray]:
     """Return the contacts that are searched, in the scene: free, knots of springs, rigid; none moves a fixed tool."""
     if tool.tool_mass_kg is None:
         return [np.array([RIGID_N_PER_M])]

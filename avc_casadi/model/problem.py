@@ -17,6 +17,7 @@ from avc_casadi.model.control_law import ControlLaw
 from avc_casadi.model.corners import Robustness
 from avc_casadi.model.device import Detent, Device
 from avc_casadi.model.ends import End, Follower, Simulation, Wall, at_least_a_sample
+from avc_casadi.model.joint import Joint, NoDevice, joint_law_faults
 from avc_casadi.model.scene import MOTIONS, Scene
 
 Model = Literal["paper", "sampled-data"]
@@ -203,6 +204,7 @@ class Problem(t.Table):
         detent: notches along the axis, beside the wall; None: there are none.
         law: what a controller of one's own does, judged by `certify_law`; None: none is stated.
         simulation: the engine and its tool at the remote end of the coupling; None: the wall is in the device's loop.
+            Without a device it is a joint that an engine moves, and no hand is there.
         follower: a second device at the remote end; None: there is none.
 
     Raises:
@@ -244,6 +246,8 @@ class Problem(t.Table):
         without_wall = (*cls.end_tables(), "law")
         if any(tables.get(name) is not None for name in without_wall) and "environment" not in tables:
             tables = {**tables, "environment": {"damping_ns_per_m": 0.0, "stiffness_n_per_m": 0.0}}
+        if tables.get("device") is None and tables.get("simulation") is not None:
+            tables = {**tables, "device": NoDevice(mass_kg=0.0, damping_ns_per_m=0.0)}
         device = _given(tables.get("device"))
         radius = device.get("handle_radius_m") if isinstance(device, Mapping) else None
         if isinstance(radius, bool) or not isinstance(radius, int | float) or device.get("motion") != "rotary":
@@ -290,6 +294,11 @@ class Problem(t.Table):
         """Yield a law beside a remote end, and what of it no loop of the device holds."""
         if self.law is None:
             return
+        end = self.end
+        if isinstance(end, Joint):
+            for path, message in joint_law_faults(self.law, end.engine):
+                yield ("law", *path), message
+            return
         for name in self._other_ends():
             yield ("law",), f"is given with [{name}]; give one of them, because a law acts in the device's own loop"
         masses = self.device.range.mass_kg or (self.device.mass_kg,)
@@ -316,7 +325,10 @@ class Problem(t.Table):
 
     def _other_ends(self) -> dict[str, End]:
         stated = {name: getattr(self, name) for name in self.end_tables()}
-        return {name: end for name, end in stated.items() if end is not None}
+        ends: dict[str, End] = {name: end for name, end in stated.items() if end is not None}
+        if isinstance(self.device, NoDevice) and self.simulation is not None:
+            ends["simulation"] = Joint(self.simulation)
+        return ends
 
     @property
     def wall(self) -> Wall:

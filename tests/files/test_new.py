@@ -223,3 +223,42 @@ def test_the_range_holds_every_pose_and_normal_and_little_more(seed, tilt, tmp_p
     # Of all joint speeds with one unit along n, the least loss: Lagrange's condition.
     lost = 1 / np.linalg.eigvalsh(jacobian / link["d"] @ np.swapaxes(jacobian, 1, 2))[:, -1]
     assert 0.9 * lost.min() < device.damping_ns_per_m <= lost[:1000].min()
+
+
+@pytest.mark.parametrize("name", ["shoulder", "elbow"])
+def test_a_joint_has_the_inertia_of_every_pose_and_little_more(name, tmp_path, capsys):
+    """M_ii where the other joint stands still, 1/(M^-1)_ii where it yields, with the armature in both."""
+    link, armature = arm(3), 2e-4
+    drive = f'<actuator><position joint="{name}" kp="40" kv="1.5" gear="2"/></actuator></mujoco>'
+    model = CHAIN.replace("</mujoco>", drive).format(tilt=0, **LIMITS, **link)
+    model = model.replace(f'name="{name}" axis', f'name="{name}" armature="{armature}" axis')
+    model = model.replace("<mujoco>", '<mujoco><option timestep="0.004" integrator="implicitfast"/>')
+    (tmp_path / "arm.xml").write_text(model)
+    file = tmp_path / "joint.toml"
+    assert main(["new", str(file), "--model", str(tmp_path / "arm.xml"), "--joint", name]) == 0
+    index = ["shoulder", "elbow"].index(name)
+    _, mass = matrices(link, *poses(20_000))
+    mass = mass + armature * np.eye(2)[index] * np.eye(2)[index][:, None]
+    held, yielding = mass[:, index, index], 1 / np.linalg.inv(mass)[:, index, index]
+    stated = avc.load_problem(file)
+    low, high = stated.end.engine.tool_mass_kg
+    assert 0.97 * yielding.min() < low <= yielding.min()
+    assert held.max() <= high < 1.03 * held.max()
+    assert not stated.units.linear
+    assert stated.end.engine.step_s == (0.004, 0.004)
+    assert stated.end.engine.integrator == "implicit-damping"
+    assert (stated.law.stiffness_n_per_m, stated.law.damping_ns_per_m) == pytest.approx((160.0, 6.0))
+    capsys.readouterr()
+    assert main(["certify", str(file)]) in (0, 1)
+    assert "Stable kp" in capsys.readouterr().out
+
+
+def test_a_joint_of_a_model_is_a_known_hinge_or_slide(tmp_path, capsys):
+    (tmp_path / "arm.xml").write_text(CHAIN.format(tilt=0, **LIMITS, **arm(3)))
+    arguments = ["new", str(tmp_path / "joint.toml"), "--model", str(tmp_path / "arm.xml")]
+    assert main([*arguments, "--joint", "elbows"]) == 2
+    assert "no joint of the model; near: elbow" in capsys.readouterr().err
+    assert main([*arguments, "--joint", "elbow", "--mass", "1 kg"]) == 2
+    assert "--mass: is of a device, and --joint is moved by an engine" in capsys.readouterr().err
+    assert main([*arguments[:2], "--joint", "elbow"]) == 2
+    assert "--model: is missing" in capsys.readouterr().err

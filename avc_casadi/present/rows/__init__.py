@@ -9,6 +9,7 @@ if TYPE_CHECKING:
         deploy,
         design,
         engines,
+        joint,
         judge,
         look,
         measure,
@@ -16,7 +17,19 @@ if TYPE_CHECKING:
         tried,
     )
 
-__all__ = ["admittance", "answers", "deploy", "design", "engines", "judge", "look", "measure", "recommend", "tried"]
+__all__ = [
+    "admittance",
+    "answers",
+    "deploy",
+    "design",
+    "engines",
+    "joint",
+    "judge",
+    "look",
+    "measure",
+    "recommend",
+    "tried",
+]
 
 if not TYPE_CHECKING:
 

@@ -8,6 +8,7 @@ from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.claims.admittance import AdmittanceCertificate
 from avc_casadi.claims.certify import Certificate
 from avc_casadi.claims.deployable import CertifiedCoupling, ClaimRemedy, DeployClaim, DetentRemedy, deployable
+from avc_casadi.claims.joint import JointCertificate
 from avc_casadi.claims.mass_width import MassWidth
 from avc_casadi.claims.own_law import LawCertificate
 from avc_casadi.claims.zwidth import ZWidth
@@ -17,10 +18,11 @@ from avc_casadi.design.scene_coupling import SimulatedScene
 from avc_casadi.design.solution import SolvedGains
 from avc_casadi.model.gains import GainSchedule
 from avc_casadi.present.row import Answer, Page
-from avc_casadi.present.rows import admittance, claim_words, design, judge, law_words
+from avc_casadi.present.rows import admittance, claim_words, design, joint, judge, law_words
 from avc_casadi.present.rows.reasons import clauses, sentence
 from avc_casadi.present.rows.recommend import recommendation
 from avc_casadi.recommendation.admittance import AdmittanceRecommendation
+from avc_casadi.recommendation.joint import JointRecommendation
 from avc_casadi.recommendation.recommendation import Recommendation
 from avc_casadi.simulation.scene import Run
 
@@ -47,6 +49,8 @@ clauses.register(DetentRemedy, claim_words.detent_remedy_clauses)
 answer_of.register(AdmittanceCertificate, admittance.certificate)
 answer_of.register(AdmittanceRecommendation, admittance.recommendation)
 answer_of.register(MassWidth, admittance.region)
+answer_of.register(JointCertificate, joint.certificate)
+answer_of.register(JointRecommendation, joint.recommendation)
 answer_of.register(Comparison, design.comparison)
 answer_of.register(ZWidth, judge.walls)
 

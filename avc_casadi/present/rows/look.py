@@ -134,7 +134,7 @@ def problem(result: CheckedProblem, shown: str = "") -> Answer:
     if stated.source:
         rows.append(row("Source", stated.source, rank=1))
     # Where nothing is deployable whatever the gains, its row says so.
-    onwards = [] if result.refused else ["recommend {} --out coupling.json"]
+    onwards = [] if result.refused else [subject.to_recommend(stated.end)]
     return subject.answer("check", result.document(), stated, shown, rows, *onwards)
 
 

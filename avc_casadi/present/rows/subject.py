@@ -15,6 +15,7 @@ from avc_casadi.loops.margins import LEAST_DISK, SOUND_DISK, Margins
 from avc_casadi.model.device import Device
 from avc_casadi.model.ends import End, Follower, Simulation, ToolGains, Wall
 from avc_casadi.model.hands import END_STOP_N_PER_M
+from avc_casadi.model.joint import Joint, NoDevice
 from avc_casadi.model.problem import Problem
 from avc_casadi.present import words
 from avc_casadi.present.row import Answer, Mark, Part, Row, Value, caution, commas, fill, grade, parts, row, span
@@ -37,7 +38,8 @@ def device_line(device: Device) -> tuple[Part, ...]:
 
 def headline(problem: Problem, shown: str) -> tuple[Part, ...]:
     """Return a problem in a line: what is rendered, and the device."""
-    return parts(shown, " ", end_line(problem.end), device_line(problem.device))
+    device = None if isinstance(problem.device, NoDevice) else device_line(problem.device)
+    return parts(shown, " ", end_line(problem.end), device)
 
 
 @singledispatch
@@ -59,6 +61,16 @@ def _tool_line(tool: Simulation) -> tuple[Part, ...]:
     held = f", a force for {tool.substeps} substeps" if tool.substeps > 1 else ""
     rates = span([1 / step for step in tool.step_s], "frequency")
     return parts(what, "at", rates, f", {tool.integrator}, {tool.exchange}", late, held)
+
+
+@end_line.register
+def _joint_line(joint: Joint) -> tuple[Part, ...]:
+    engine = joint.engine
+    late = (",", Value(engine.steps_late, "steps"), "late") if engine.steps_late else ()
+    held = f", a force for {engine.substeps} substeps" if engine.substeps > 1 else ""
+    rates = span([1 / step for step in engine.step_s], "frequency")
+    mass = span(engine.tool_mass_kg or (0.0,), "mass")
+    return parts("joint", mass, "at", rates, f", {engine.integrator}", late, held)
 
 
 @end_line.register
@@ -105,6 +117,17 @@ def gain_spans(
     if max(damping_ns_per_m, default=0.0) > 0:
         damper = ("damper b", span(damping_ns_per_m, "damping"))
     return commas([contact, ("spring k", span(stiffness_n_per_m, "stiffness")), damper])
+
+
+@singledispatch
+def to_recommend(end: End) -> str:  # noqa: ARG001
+    """Return the command that recommends what leads to an end."""
+    return "recommend {} --out coupling.json"
+
+
+@to_recommend.register
+def _to_recommend_joint(end: Joint) -> str:  # noqa: ARG001
+    return "recommend {}"
 
 
 @singledispatch

@@ -1,0 +1,171 @@
+"""Rows of a joint that an engine moves: a certificate of kp and kd, and a recommendation."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from shlex import quote
+
+from avc_casadi._util.json_values import plain
+from avc_casadi.claims.joint import JointCertificate
+from avc_casadi.claims.stable_interval import Interval
+from avc_casadi.files.joint_model import ModelledJoint
+from avc_casadi.loops.joint import JointGains
+from avc_casadi.loops.margins import LEAST_DISK
+from avc_casadi.model.ends import LIGHTEST_TOOL_KG, LONGEST_STEP_S
+from avc_casadi.model.problem import Problem
+from avc_casadi.present.row import Answer, Mark, Part, Row, Value, caution, commas, grade, parts, row, span
+from avc_casadi.present.rows import subject
+from avc_casadi.recommendation.joint import DAMPING_RATIO, DISK_MARGIN, JointDesign, JointRecommendation
+
+
+def gains(stated: JointGains) -> tuple[Part, ...]:
+    """Return kp and kd."""
+    velocity = "of the difference of the position" if stated.difference else None
+    kp, kd = float(stated.kp), float(stated.kd)
+    return commas([("kp", Value(kp, "stiffness")), ("kd", Value(kd, "damping"), velocity)])
+
+
+def certificate(result: JointCertificate, shown: str = "") -> Answer:
+    """Return the answer of `certify` of kp and kd of a joint."""
+    problem = result.problem
+    shown = shown or subject.name_of(problem)
+    mark = grade(result.sound, Mark.CAUTION) if result.stable else Mark.FAIL
+    ratio: tuple[Part, ...] = ("no oscillation",)
+    if result.damping_ratio < 1:
+        ratio = (Value(result.damping_ratio, "number", 2), "at", Value(result.damping_ratio_hz, "frequency"))
+    factor: Part = "any" if math.isinf(result.largest_gain) else Value(result.largest_gain, "number")
+    gain = "largest factor on kp and kd", factor
+    rows = [
+        row("Stable", "yes" if result.stable else "no", _why(result), mark=mark),
+        row("Margins", "disk", Value(result.disk_margin, "number", 2), ",", gain, mark=caution(not result.sound)),
+        row("Damping ratio", ratio),
+        row("Worst case", _joint(result.worst)),
+        row("Stable kp", _stretch(result.stiffness_n_per_m, "stiffness", math.inf), "at this kd"),
+        row("Stable kd", _stretch(result.damping_ns_per_m, "damping", math.inf), "at this kp"),
+        row("Largest step", _largest_step(result)),
+        row("Least mass", _least_mass(result)),
+    ]
+    complaint = "" if result.stable else f"avc: {shown}: kp and kd are not stable"
+    return Answer(
+        kind="certify-joint",
+        data=result.document(),
+        title=parts(shown, " ", gains(result.gains), "·", subject.end_line(problem.end)),
+        rows=tuple(rows),
+        commands=(f"avc recommend {quote(shown)}",),
+        units=problem.units,
+        complaint=complaint,
+    )
+
+
+def _why(result: JointCertificate) -> tuple[Part, ...]:
+    """Return what decides."""
+    if not result.stable:
+        return parts(": grows by a factor of", Value(result.spectral_radius, "number", 6), "in a step")
+    if result.sound:
+        return ()
+    below = f"below {LEAST_DISK}" if result.disk_margin < LEAST_DISK else "thin"
+    return parts(", but the disk margin is", below)
+
+
+def _joint(values: Mapping[str, float]) -> tuple[Part, ...]:
+    """Return a joint by its values."""
+    contact = None
+    if values["contact_stiffness_n_per_m"]:
+        contact = ("touching", Value(values["contact_stiffness_n_per_m"], "stiffness"))
+    damping = Value(values["damping_ns_per_m"], "damping") if values["damping_ns_per_m"] else None
+    return commas([Value(values["mass_kg"], "mass"), damping, ("step", Value(values["step_s"], "time")), contact])
+
+
+def _stretch(ends: Interval | None, of: str, highest: float) -> tuple[Part, ...]:
+    if ends is None:
+        return ("none",)
+    low, high = ends
+    return (_value(low, of), "and more") if high >= highest else (_value(low, of), "to", _value(high, of))
+
+
+def _value(number: float, of: str) -> Value:
+    return Value(number, "stiffness" if of == "stiffness" else "damping", 4)
+
+
+def _largest_step(result: JointCertificate) -> tuple[Part, ...]:
+    """Return the largest stable step."""
+    if result.step_s is None:
+        return ("none is stable",)
+    if result.step_s[1] >= LONGEST_STEP_S:
+        return ("any",)
+    return (Value(result.step_s[1], "time", 4),)
+
+
+def _least_mass(result: JointCertificate) -> tuple[Part, ...]:
+    """Return the least mass of the joint that is stable, and what to add to that of the file."""
+    if result.mass_kg is None:
+        return ("none is stable",)
+    least, most = result.mass_kg
+    if least <= LIGHTEST_TOOL_KG and math.isinf(most):
+        return ("any",)
+    limit = ("at most", Value(most, "mass", 4)) if math.isfinite(most) else None
+    add = ("; add", Value(result.armature_kg, "mass", 4), "(armature)") if result.armature_kg else None
+    return parts(Value(least, "mass", 4), limit, add)
+
+
+def drafted(joint: ModelledJoint, problem: Problem, shown: str) -> Answer:
+    """Return the answer of `new` of a joint of a model."""
+    mass = span(joint.range_kg, "mass"), f"over {subject.plural(joint.poses, 'pose')}, armature included"
+    step = Value(joint.step_s, "time"), "" if joint.states_step else "assumed: the model states none"
+    actuators: tuple[Part, ...] = ("none with kp or kd on this joint",)
+    if joint.kp or joint.kd:
+        actuators = gains(JointGains(joint.kp, joint.kd))
+    rows = [
+        row("Mass", mass),
+        row("Step", step, mark=caution(not joint.states_step)),
+        row("Integrator", joint.integrator),
+        row("Actuators", actuators),
+    ]
+    onwards = "certify {}" if joint.kp or joint.kd else "recommend {}"
+    return subject.answer("new", plain(joint), problem, shown, rows, onwards)
+
+
+def recommendation(result: JointRecommendation, shown: str = "") -> Answer:
+    """Return the answer of `recommend` of a joint."""
+    problem = result.problem
+    shown = shown or subject.name_of(problem)
+    rows = [_stiffest(result)]
+    if result.frequency_hz is not None:
+        rows.append(_at_frequency(result))
+    chosen = result.stiffest if result.at_frequency is None else result.at_frequency
+    onwards = []
+    if chosen is not None:
+        kp, kd = float(chosen.gains.kp), float(chosen.gains.kd)
+        onwards.append(f"avc certify {quote(shown)} --kp {kp:.4g} --kd {kd:.4g}")
+    return Answer(
+        kind="recommend-joint",
+        data=result.document(),
+        title=parts(shown, " ", subject.end_line(problem.end)),
+        rows=tuple(rows),
+        commands=tuple(onwards),
+        units=problem.units,
+        complaint="" if result.passed else f"avc: {shown}: no kp and kd are stable and damp the joint well",
+    )
+
+
+def _stiffest(result: JointRecommendation) -> Row:
+    """Return the largest kp that is well damped and robust."""
+    if result.stiffest is None:
+        required = f"a damping ratio of {DAMPING_RATIO} and a disk margin of {DISK_MARGIN}"
+        return row("Stiffest", f"no kp has {required}", mark=Mark.FAIL)
+    more = None if result.limited else "; a larger kp is stable too, and faster than half the step rate"
+    return row("Stiffest", _design(result.stiffest), more, mark=Mark.PASS)
+
+
+def _at_frequency(result: JointRecommendation) -> Row:
+    """Return kp and kd of the required frequency."""
+    label = f"At {Value(result.frequency_hz, 'frequency').text(result.problem.units)}"
+    if result.at_frequency is None:
+        return row(label, f"no kd is stable and has a damping ratio of {DAMPING_RATIO}", mark=Mark.FAIL)
+    return row(label, _design(result.at_frequency), mark=grade(result.at_frequency.sound))
+
+
+def _design(design: JointDesign) -> tuple[Part, ...]:
+    ratio, disk = Value(design.damping_ratio, "number", 2), Value(design.disk_margin, "number", 2)
+    return parts(gains(design.gains), ", damping ratio", ratio, ", disk margin", disk)

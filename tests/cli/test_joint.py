@@ -1,0 +1,64 @@
+"""A joint without a device on the command line: its rows, and verbs of devices that refuse it."""
+
+import json
+
+import pytest
+
+from avc_casadi.cli import main
+
+JOINT = '[simulation]\ntool_inertia_kgm2 = [0.003, 0.01]\nstep_s = 0.005\nintegrator = "implicit-damping"\n'
+
+
+@pytest.fixture
+def joint(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "joint.toml").write_text(JOINT)
+    return "joint.toml"
+
+
+def test_its_rows_are_of_no_hand_and_no_wall(joint, capsys):
+    assert main(["certify", joint, "--kp", "5000", "--kd", "18.97"]) == 0
+    text = capsys.readouterr().out
+    assert all(label in text for label in ("Stable", "Damping ratio", "Stable kp", "Stable kd", "Largest step"))
+    assert "0 N.m/rad to 8.068 kN.m/rad" in text
+    assert not any(word in text for word in ("hand", "wall", "released", "device"))
+
+
+def test_an_unstable_joint_says_what_armature_would_help(joint, capsys):
+    assert main(["certify", joint, "--kp", "12000", "--kd", "18.97", "--json"]) == 1
+    document = json.loads(capsys.readouterr().out)
+    # Of implicit-damping: kp h^2 < 2 (2 I + h kd).
+    least = (12000 * 0.005**2 / 2 - 0.005 * 18.97) / 2
+    assert document["armature_kgm2"] == pytest.approx(least - 0.003, rel=1e-5)
+    assert document["stable_at"]["stiffness_nm_per_rad"][1] == pytest.approx(8068, rel=1e-4)
+
+
+def test_gains_are_recommended_and_of_a_required_frequency(joint, capsys):
+    assert main(["recommend", joint, "--frequency", "5 Hz", "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["at_frequency"]["damping_ratio"] == pytest.approx(0.7, abs=1e-6)
+    assert document["stiffest"]["disk_margin"] >= 0.3
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        "simulate P",
+        "zwidth P",
+        "solve P",
+        "compare P",
+        "run P",
+        "explore P",
+        "recommend P --stiffest",
+        "certify P --kp 1 --ki 1",
+    ],
+)
+def test_verbs_of_devices_refuse_it(command, joint, capsys):
+    assert main([joint if word == "P" else word for word in command.split()]) == 2
+    message = capsys.readouterr().err
+    assert any(why in message for why in ("is a joint that an engine moves", "law of a joint"))
+
+
+def test_it_is_checked(joint, capsys):
+    assert main(["check", joint]) == 0
+    assert capsys.readouterr().out.endswith(f"next: avc recommend {joint}\n")
