@@ -17,7 +17,7 @@ class AvcError(Exception):
         ...     avc.solve("figure5", "exakt")
         ... except avc.AvcError as error:
         ...     print(str(error).partition(";")[0])
-        method: 'exakt' is no method, did you mean exact?
+        method: 'exakt' is not a known method, did you mean exact?
     """
 
     def __str__(self) -> str:

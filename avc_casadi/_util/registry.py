@@ -35,7 +35,7 @@ class Registry(Mapping[str, Thing], Generic[Thing]):
             return self[name]
         near = difflib.get_close_matches(name, self, n=1)
         hint = f", did you mean {near[0]}?" if near else ""
-        message = f"{name!r} is no {self.kind}{hint}; allowed: {', '.join(self)}"
+        message = f"{name!r} is not a known {self.kind}{hint}; allowed: {', '.join(self)}"
         raise InputError.of(message, key=self.kind if key is None else key)
 
     def __getitem__(self, name: str) -> Thing:

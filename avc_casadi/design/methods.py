@@ -64,7 +64,7 @@ def solve(
     options = {name: value for name, value in given.items() if value is not None}
     foreign = [name for name in options if name not in chosen.options]
     if foreign:
-        faults = [f"{name} is no option of {method}, but of {_methods_with_option(name)}" for name in foreign]
+        faults = [f"{name} does not apply to {method}, only to {_methods_with_option(name)}" for name in foreign]
         raise InputError.of("; ".join(faults), key=foreign[0])
     if tolerance is not None and not SMALLEST_TOLERANCE <= tolerance <= 1:
         raise InputError.of(f"is {tolerance:g}; allowed: 1e-14 to 1", key="tolerance")
@@ -85,7 +85,7 @@ def _noted(problem: Problem, method: Method, gains: GainSchedule) -> GainSchedul
     require = problem.realism.require
     if require != "none" and not method.keeps_realism:
         keepers = ", ".join(name for name, known in METHODS.items() if known.keeps_realism)
-        notes.append(f'{gains.method} does not know realism.require = "{require}"; methods that keep it: {keepers}')
+        notes.append(f'{gains.method} does not support realism.require = "{require}"; methods that keep it: {keepers}')
     unused = [key for key in declared(problem) if key in _UNUSED_RANGES]
     if unused and not method.keeps_ranges:
         notes.append(

@@ -134,7 +134,7 @@ class Border:
         units = units_for("rotary" if motion == "rotary" else "linear")
         if base and motion != before:
             self.fault(
-                (table, "motion"), f'is {t.shown(motion)}, and that of `from` is "{before}"; allowed: that, or none'
+                (table, "motion"), f'is {t.shown(motion)}, but that of `from` is "{before}"; use it, or leave it out'
             )
         self._radius_m = None if units.linear else _radius_m({**base, **device})
         stated = self.inner(device, units, (table,), (table,), self._radius_m)

@@ -68,7 +68,7 @@ class DeviceFile(t.Table):
             source = self.sources.get(key)
             # A lag has no damping ratio, and most files give a lag.
             if not stated and key not in (*self.gaps, "amplifier_damping_ratio"):
-                yield ("device", key), f"is neither given nor a gap; allowed: a value with its source, or {key} in gaps"
+                yield ("device", key), f"is missing; give a value with its source, or list {key} in gaps"
             if stated != (source is not None):
                 fact = "is missing" if stated else "is the source of a missing value; delete it, or give the value"
                 yield ("sources", key), f"{fact}; allowed: source and grade of every value of [device]"
@@ -101,7 +101,7 @@ def parse_device(text: str, *, file: str = "device.toml", name: str = "") -> Dev
     """Validate the text of a device file."""
     tables = tables_of(text, file)
     if "environment" in tables:
-        message = "is that of a problem; allowed: a device file, of the problem's [device] and what is known of it"
+        message = "belongs to a problem file; a device file has [device] and its sources only"
         raise InputError.of(message, file=file, key="environment")
     border = Border()
     device, units = border.device_table(tables.get("device"), {})
@@ -153,5 +153,5 @@ def _referred(named: Any, folder: Path | None) -> dict[str, Any] | str:
     if isinstance(path, str):
         return path
     if not os.path.isfile(path):  # noqa: PTH113 - of pathlib a name that is too long raises
-        return f"is {t.shown(named)}, where there is no file; allowed: a path relative to this file, or a name"
+        return f"is {t.shown(named)}, which does not exist; give a path relative to this file, or a name"
     return load_device(path).device.model_dump(exclude_unset=True)

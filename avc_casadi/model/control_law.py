@@ -161,11 +161,11 @@ class TransferFilter(CommandFilter):
             return
         degree = len(self.denominator) - 1
         if len(self.numerator) > len(self.denominator):
-            why = f"improper: it needs samples to come; allowed: at most degree {degree}, that of the denominator"
+            why = f"improper: it needs future samples; allowed: at most degree {degree}, that of the denominator"
             yield ("numerator",), f"is {t.shown(self.numerator)}, of degree {len(self.numerator) - 1}, {why}"
         radius = float(np.abs(np.roots(self.denominator)).max(initial=0.0))
         if radius >= 1:
-            why = "unstable: its output grows or never ends; allowed: poles below 1, an integral by its own key"
+            why = "unstable: its output never decays; allowed: poles of size below 1 (an integral has its own key)"
             yield ("denominator",), f"is {t.shown(self.denominator)}, with a pole of size {radius:.4g}, {why}"
 
     @property
@@ -297,7 +297,7 @@ class ControlLaw(t.Table):
         if gain > LARGEST_COMPENSATION:
             value = t.shown(self.virtual_mass_kg)
             why = f"a loop gain of {gain:.3g} at half the sample rate with a mass of {q.plain(lightest_kg)}"
-            allowed = f"allowed: up to {LARGEST_COMPENSATION}: less of it, or a velocity or a filter that is slower"
+            allowed = f"allowed: up to {LARGEST_COMPENSATION}; use less of it, or a slower velocity estimate or filter"
             yield ("virtual_mass_kg",), f"is {value}, {why}; {allowed}"
 
     def _frequency_faults(self, period_s: float) -> Iterator[t.Finding]:

@@ -371,7 +371,7 @@ class Follower(Device, End):
         if self.motion != device.motion:
             yield ("motion",), f"is {t.shown(self.motion)}; allowed: that of [device]"
         if min(self.range.mass_kg or (self.mass_kg,)) == 0:
-            message = "may be 0; allowed: above 0: a follower that touches nothing would have no motion to couple"
+            message = "may be 0; allowed: above 0: a follower that touches nothing needs a mass to move"
             yield ("mass_kg",), message
         # Every pending sample is a state: long delays take minutes, then memory.
         longest = MOST_LINK_SAMPLES * min(device.sample_time_s, self.sample_time_s)

@@ -262,7 +262,7 @@ class Problem(t.Table):
         bounds = self.boundaries
         # If left out, both bounds are the environment.
         if self.realism.require == "bounds" and bounds.upper == bounds.lower:
-            message = 'is "bounds", and both [boundaries] are equal; allowed: "jnd", or others'
+            message = 'is "bounds", but both [boundaries] are equal; use "jnd", or change [boundaries]'
             yield ("realism", "require"), message
         yield from self._scene_faults()
         yield from self._end_faults()

@@ -170,7 +170,7 @@ def _no_quantity(unit: str) -> str:
         "kg.m2": ': "300 g.cm2", "50 g.cm2, gear 10"',
         "kg": ': "45 g", "50 g.cm2, pitch 10 mm"',
     }.get(unit, "")
-    return f"no quantity in {unit}; allowed: a number, or a text in such a unit{as_in}"
+    return f"not a quantity in {unit}; give a number, or a text with such a unit{as_in}"
 
 
 def _linear(unit: str) -> str:

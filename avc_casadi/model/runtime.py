@@ -39,9 +39,9 @@ class VelocityFilterEffect(Effect):
         given = [key for key, value in self if value is not None and key not in ("kind", "estimator")]
         for key in given:
             if key not in keys:
-                yield (), f'has {key}, no key of estimator "{self.estimator}"; allowed: {", ".join(keys)}'
+                yield (), f'has {key}, which estimator "{self.estimator}" does not use; allowed: {", ".join(keys)}'
         if keys[0] not in given:
-            yield (), f'has no {keys[0]}; allowed: with it, which estimator "{self.estimator}" needs'
+            yield (), f'has no {keys[0]}, which estimator "{self.estimator}" needs'
 
 
 def low_pass(back: ComplexArray, poles: Poles) -> ComplexArray | float:
@@ -63,7 +63,7 @@ def velocity_poles(
     noise = _noise_m(device, scene) if table.noise_rms_m is None else table.noise_rms_m
     if noise == 0 or table.acceleration_m_per_s2 is None:
         said = "missing" if table.noise_rms_m is None else "0"
-        message = f"is {said}; allowed: above 0 here, or an encoder or noise in the scene"
+        message = f"is {said}; it must be above 0, or the scene needs an encoder or noise"
         raise InputError([Fault(problem or "problem", None, f"{place}.noise_rms_m", message)])
     # The steady filter of white acceleration, constant within a sample: P. R. Kalata, The tracking index, IEEE Trans.
     # Aerospace and Electronic Systems AES-20(2), 174-182 (1984).
@@ -132,7 +132,7 @@ class StateFeedback(Effect):
             if len(values) != n:
                 yield path, f"has {len(values)} numbers; allowed: {n}, as force_m_per_n"
         if max(self.positions) >= n or self.measures not in self.positions:
-            yield ("positions",), f"is {t.shown(self.positions)}; allowed: places below {n}, measures among them"
+            yield ("positions",), f"is {t.shown(self.positions)}; allowed: indices below {n}, including measures"
         if self.open_m <= self.opens_m and self.open_m + self.opens_m > 0:
             allowed = f"above opens_m, {self.opens_m:g}; 0 for both is a dead zone that never opens"
             yield ("open_m",), f"is {self.open_m:g}; allowed: {allowed}"

@@ -332,7 +332,7 @@ def with_hand(problem: Problem, effects: tuple[SceneEffect, ...], hand: Hand | S
     """Return the effects with a hand, or many, in place of the effect ``hand``."""
     if not any(effect.kind == Grip.kind for effect in effects):
         raise InputError.of(
-            "lists no hand that another one could replace; allowed: the effect hand, or no effects at all",
+            "has no hand to replace; add the effect hand, or list no effects",
             file=problem.name,
             key="scene.effects",
         )

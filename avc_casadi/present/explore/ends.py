@@ -446,7 +446,7 @@ def _two_digits(value: float) -> float:
 def _judged(end: End, problem: Problem, search: EndSearch, gains: ToolGains) -> Judged:  # noqa: ARG001
     """Return verdict and rows of K and B of one's own to an end."""
     stable = search.loops.stable_over_ranges(gains)
-    which = "corner hands, released, end stop:" if stable else "not all of"
+    which = "extreme hands, released, clamped:" if stable else "not all of"
     stability_row = row("Stability", f"{which} {search.loop_count} loops", mark=grade(stable))
     coupling = row("Coupling", subject.pair_of(gains))
     return Judged(of_stability(stable), [coupling, stability_row, *_rendered_rows(problem, gains)])

@@ -135,11 +135,11 @@ def fitting(coupling: Coupling) -> list[str]:
 def _misfit(coupling: Coupling, name: str) -> str:
     """Return why an engine does not take a coupling; empty where it does."""
     if name not in _ENGINES:
-        return f"is no engine of this table; allowed: {', '.join(_ENGINES)}"
+        return f"is not a known engine; allowed: {', '.join(_ENGINES)}"
     engine, tool = _ENGINES[name], coupling.tool
     if not engine.turns and not coupling.problem.units.linear:
         turning = ", ".join(other for other, known in _ENGINES.items() if known.turns)
-        return f"knows no device that turns; allowed: {turning}"
+        return f"supports no rotary device; use {turning}"
     integrators = engine.integrators or _SEMI_IMPLICIT
     lacking = ""
     allowed = ""
@@ -152,7 +152,7 @@ def _misfit(coupling: Coupling, name: str) -> str:
         allowed = f"substeps = 1, step_s = {step_s:.6g}"
     if not lacking:
         return ""
-    return f"has no {lacking} of this coupling; say {allowed} in [simulation] and make it again"
+    return f"does not support {lacking}; set {allowed} in [simulation] and recommend again"
 
 
 def parameters(coupling: Coupling, engine: str, shown: str = "coupling.json", unsafe: str = "") -> Answer:

@@ -88,7 +88,7 @@ def _two_port(pair: Pair) -> list[Row]:
     if margin >= 0:
         return [row("Passivity", "for any operator and environment", mark=Mark.PASS)]
     needed = Value(pair.passive_damping_ns_per_m, "damping")
-    return [row("Passivity", "not for any operator: that needs", needed, "a device", mark=Mark.CAUTION)]
+    return [row("Passivity", "not for every operator: this needs", needed, "on each device", mark=Mark.CAUTION)]
 
 
 def _pair_limit(recommended: NoPair | PairRecommendation) -> list[Row]:
@@ -122,7 +122,7 @@ def rendered_rows(rendered: RenderedPair) -> list[Row]:
         differs = max(point.free_error or 0.0 for point in points) > 1
         rows.append(row("Free motion", mass, drag, errors, mark=caution(differs)))
     elif first.drag_ns_per_m:
-        drag_everywhere = Value(first.drag_ns_per_m, "damping"), "wherever the device is, by its own dampers"
+        drag_everywhere = Value(first.drag_ns_per_m, "damping"), "everywhere, by the device's own dampers"
         rows.append(row("Drag", drag_everywhere))
     return rows
 
@@ -157,7 +157,7 @@ def stability(end: End, certificate: PairCertificate) -> list[Row]:
 
 
 def _stable_loops(loops: int, but: str, mark: Mark) -> Row:
-    return row("Stability", "corner hands, released, end stop:", count(loops), "loops", but, mark=mark)
+    return row("Stability", "all", count(loops), "loops: extreme hands, released, clamped", but, mark=mark)
 
 
 def _gain_margins(gain_margin: float, motor_margins: Sequence[float]) -> Row:
@@ -249,5 +249,5 @@ def _same_k(pair: PairLimits, problem: Problem, rank: int = 0) -> list[Row]:
         conditions.append((limits.get(name, f"exchange {name}"), with_b))
     if pair.exchanges and not any(pair.exchanges.values()):
         conditions.append("no exchange")
-    margin = f"; linearly, gain margin {problem.robustness.gain_margin:g}"
+    margin = f"; linear stability only, gain margin {problem.robustness.gain_margin:g}"
     return [row("Same K", commas(conditions), margin, rank=rank)] if conditions else []

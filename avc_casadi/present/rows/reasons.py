@@ -32,7 +32,7 @@ def clauses(reason: object, units: Units) -> tuple[str, ...]:  # noqa: ARG001
 @clauses.register
 def _no_mass(reason: reasons.NoMass, units: Units) -> tuple[str, ...]:  # noqa: ARG001
     fact = "the device has no mass (device.mass_kg is 0): it must be above 0 to judge the released device"
-    return (fact, "give the mass of what moves") if reason.to_wall else (fact,)
+    return (fact, "give the moving mass") if reason.to_wall else (fact,)
 
 
 @clauses.register
@@ -113,7 +113,7 @@ def _unmet_requirements(reason: reasons.UnmetRequirements, units: Units) -> tupl
 
 @clauses.register
 def _strike_unsettled(reason: reasons.StrikeUnsettled, units: Units) -> tuple[str, ...]:  # noqa: ARG001
-    return "a corner hand that strikes the wall at 0.3 to 1 m/s does not settle", "a softer wall"
+    return "an extreme hand of the range does not settle after a strike at 0.3 to 1 m/s", "a softer wall"
 
 
 @clauses.register
@@ -137,7 +137,7 @@ def _none_settles(reason: reasons.NoneSettles, units: Units) -> tuple[str, ...]:
 
 @clauses.register
 def _nearest_to_wall(reason: reasons.NearestToWall, units: Units) -> tuple[str, ...]:
-    why = [f"the nearest to the wall, in motion and when released, of {reason.candidates} deployable candidates"]
+    why = [f"the closest to the wall, in motion and when released, of {reason.candidates} deployable candidates"]
     if reason.by_friction:
         why.append("some hands settle only because of the declared dry friction")
     nearer = reason.nearer
@@ -145,7 +145,7 @@ def _nearest_to_wall(reason: reasons.NearestToWall, units: Units) -> tuple[str, 
         error, here = 100 * nearer.error, 100 * nearer.recommended_error
         errors = f"impedance error without encoder steps {error:.3g} %, here {here:.3g} %"
         flaw = "" if nearer.flaw is None else sentence(nearer.flaw, units)
-        why.append(f"with a nearer {nearer.method} ({errors}) {flaw}")
+        why.append(f"with a closer {nearer.method} ({errors}) {flaw}")
     return tuple(why)
 
 
@@ -157,15 +157,15 @@ def _as_requested(reason: reasons.AsRequested, units: Units) -> tuple[str, ...]:
 
 @clauses.register
 def _not_near(reason: reasons.NotNear, units: Units) -> tuple[str, ...]:  # noqa: ARG001
-    return (f"no stable coupling is within {100 * reason.within:.0f} % to a hand that moves",)
+    return (f"no stable coupling has an error within {100 * reason.within:.0f} % for a moving hand",)
 
 
 @clauses.register
 def _stiffer_wall(reason: reasons.StifferWall, units: Units) -> tuple[str, ...]:
     wall = quantity(reason.wall_n_per_m, units.unit("N/m"))
-    fails = "a coupling as near fails: " if reason.tried else ""
+    fails = "a coupling as close fails: " if reason.tried else ""
     fact, *more = clauses(reason.why, units)
-    return f"before {wall} {fails}{fact}", *more
+    return f"at {wall} {fails}{fact}", *more
 
 
 @clauses.register
@@ -223,7 +223,7 @@ def _stiffness_not_reached(reason: reasons.StiffnessNotReached, units: Units) ->
     required, stiffest = quantity(reason.required_n_per_m, unit), quantity(reason.stiffest_n_per_m, unit)
     if reason.required_n_per_m > reason.stiffest_n_per_m:
         return (f"{required} is required, but the stiffest stable coupling has {stiffest}",)
-    no_damper = "no damper gives that its gain margins"
+    no_damper = "no damper gives it the gain margins"
     return (f"{required} is required, and {no_damper}, though a stiffer coupling, {stiffest}, is stable",)
 
 

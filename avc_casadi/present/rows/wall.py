@@ -90,7 +90,7 @@ def _stability(recommended: WallRecommendation) -> Row:
     if failed:
         return row("Stability", failed[0].sentence, mark=Mark.FAIL)
     rest = recommended.rest.word
-    text = f"linearly stable with every corner hand and released; {_CYCLES[rest]}"
+    text = f"linearly stable with the extreme hands of the range and released; {_CYCLES[rest]}"
     return row("Stability", text, mark=grade(rest != "refuted", Mark.CAUTION))
 
 
@@ -99,7 +99,7 @@ def _stiffest_wall(recommended: WallRecommendation) -> list[Row]:
     stiffest_n_per_m = recommended.stiffest_wall_n_per_m
     if not stiffest_n_per_m:
         return []
-    within = f", within {100 * UNNOTICED:.0f} % to a hand that moves; {recommended.no_stiffer}"
+    within = f", error at most {100 * UNNOTICED:.0f} % for a moving hand; {recommended.no_stiffer}"
     return [row("Stiffest wall", Value(stiffest_n_per_m, "stiffness"), within), *_wall_limit(recommended)]
 
 
@@ -195,7 +195,7 @@ def _coupling(recommended: WallRecommendation) -> Row:
         reason = "" if in_another_row else f": {recommended.reason}"
         return row("Coupling", parts, ": NOT deployable", reason, mark=Mark.FAIL)
     names = ", ".join(unused.key for unused in recommended.not_used if not unused.asked_of_solve)
-    without = f"without {names}, which is declared and not used" if names else ""
+    without = f", ignoring {names}, which the file declares" if names else ""
     doubt = _doubt(recommended)
     margins = recommended.margins
     low = subject.thin(min(margins.released.disk, margins.worst_hand.disk))
@@ -214,7 +214,7 @@ def _doubt(recommended: WallRecommendation) -> tuple[Part, ...]:
     if wall > 0:
         moving = rendered.stiffness_in_motion_n_per_m.get(_SLOW_HZ, wall)
         if min(rendered.share_of_wall or 1.0, moving / wall) < _HARDLY:
-            return (", but hardly anything of the wall is rendered to a moving hand",)
+            return (", but a moving hand feels hardly anything of the wall",)
     return ()
 
 
@@ -225,13 +225,13 @@ def _rendered(recommended: WallRecommendation) -> list[Row]:
         damping = _in_motion(rendered.damping_in_motion_ns_per_m)
         differs = any(abs(value / wall.damping_ns_per_m - 1) > UNNOTICED for value in damping.values())
         dampers = commas((Value(value, "damping"), f"at {hz:g} Hz") for hz, value in damping.items())
-        error = row("Impedance error", errors, "of the whole cycle: a wall never pulls")
+        error = row("Impedance error", errors, "over the whole cycle, because a wall never pulls")
         return [row("Rendered", "damper of", dampers, mark=caution(differs)), error]
     if recommended.decision is Decision.NOTHING_RENDERED:
         return [row("Rendered", recommended.reason, mark=Mark.FAIL)]
     share = rendered.share_of_wall
     if share is None:
-        return [row("Rendered", "nothing: every press reaches the limit", mark=Mark.FAIL)]
+        return [row("Rendered", "nothing: every press reaches the force limit", mark=Mark.FAIL)]
     largest_error = max(_in_motion(rendered.impedance_error).values(), default=0.0)
     sine = ", sine of", Value(rendered.sine.amplitude_m, "length")
     return [
@@ -291,7 +291,7 @@ def _simulated(recommended: WallRecommendation) -> list[Row]:
 def _unmodelled(trials: Sequence[UnmodelledTrial]) -> list[Row]:
     """Return how many hands settle with each unmodelled effect, and how many of those that hold the device."""
     rows = []
-    for label, held in (("Unmodelled", False), ("Declared grip", True)):
+    for label, held in (("Unmodelled", False), ("Other grip", True)):
         shown = [trial for trial in trials if (trial.key == "held") is held]
         if shown:
             of_hands: list[Parts] = [("of", count(shown[0].hands), "hands settle"), *[None] * len(shown[1:])]
@@ -338,7 +338,7 @@ def contact_rows(rendered: RenderedWall, problem: Problem) -> list[Row]:
         rows.append(row("Rebound", "the released device leaves the wall at", exits, mark=Mark.CAUTION))
     rest_error_m = rendered.rest_error_m
     if rest_error_m is not None and rest_error_m > _NOTICED_REST_ERROR_M / size:
-        far = "holds the handle up to", Value(rest_error_m, "length"), "from rest"
+        far = "may stop the handle up to", Value(rest_error_m, "length"), "from its place of rest"
         rows.append(row("Dry friction", far, mark=Mark.CAUTION))
     return rows
 
@@ -384,5 +384,5 @@ def _wall_limit(recommended: NoWallCoupling | WallRecommendation) -> list[Row]:
         (CHANGES[change.change], Value(change.stiffest_n_per_m, "stiffness"))
         for change in recommended.sensitivities[:3]
     ]
-    limit = "plain coupling", Value(recommended.limits.plain_wall_n_per_m, "stiffness")
+    limit = Value(recommended.limits.plain_wall_n_per_m, "stiffness"), "with a spring and damper alone"
     return [row("Linear limit", commas([limit, *changes], ";"))] if changes else []

@@ -40,7 +40,7 @@ def check_runs_on(
     constant = coupling.table.constant
     if feedback is not None and feedback.states > most_states:
         lacks.append(
-            f"it holds {most_states} states of an observer, the coupling has {feedback.states} "
+            f"it supports {most_states} observer states, the coupling has {feedback.states} "
             "(runtime.state_feedback; design it with a simpler hand or device)"
         )
     if not constant and coupling.sample_time_s > SLOWEST_ESTIMATE_S * (1 + _ROUNDING):

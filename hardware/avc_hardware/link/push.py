@@ -181,8 +181,8 @@ def _check_limits(table: TableImage, device: BoardLimits, capacity_rows: int, po
         )
     if len(table.rows) > capacity_rows:
         faults.append(
-            f"the coupling has {len(table.rows)} rows, the device holds {capacity_rows}; make a coupling of "
-            f"fewer rows (frequency.points = {capacity_rows}): what runs is what was certified"
+            f"the coupling has {len(table.rows)} rows, the device stores {capacity_rows}; make a coupling of "
+            f"fewer rows (frequency.points = {capacity_rows}), because the certified table must run"
         )
     limits = (
         ("damping b", device.max_damping_ns_per_m, table.wall_damping_ns_per_m),
