@@ -147,7 +147,7 @@ def engine_port(device: Device, hands: Hands, tool: Simulation, gains: ToolGains
 
 
 _CLAIM = (
-    "the port at which the engine meets the coupling is passive, with the corner hands of [hands] and released: "
+    "the port at which the engine meets the coupling is passive, with the extreme hands of [hands] and released: "
     "stable with any engine that is passive there, whatever its tool weighs and touches. Such an engine solves the "
     "tool together with the coupling's force (implicit); one that moves a mass explicitly is none, however heavy"
 )

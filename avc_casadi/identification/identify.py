@@ -215,13 +215,13 @@ def _check_motion(records: Sequence[Record], step_m: float | None) -> None:
     elif not any(np.ptp(record.position_m[skip:]) for record in records):
         message = (
             f"move in the first {number(skip * records[0].sample_time_s)} s only, which the model needs to begin; "
-            "allowed: motion that goes on (a multisine, as avc excite plays one)"
+            "allowed: longer motion (a multisine, as avc excite plays)"
         )
     elif only_feedback(records):
         message = (
-            "have a force that is a spring and a damper on the measured position and nothing else, while the device "
-            "goes on moving: what moves it is not logged; allowed: a force of its own beside the controller (a "
-            "multisine, as avc excite plays one), hands off"
+            "have a force that is only a spring and a damper on the measured position, while the device "
+            "keeps moving: something unlogged moves it; log an additional force without a hand (a multisine, "
+            "as avc excite plays)"
         )
     else:
         return

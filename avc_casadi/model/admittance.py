@@ -135,7 +135,7 @@ class AdmittanceDevice(t.Table):
             message = "is missing; allowed: the radius at which the hand holds what turns, 0.002 to 10 m"
             yield ("handle_radius_m",), message
         if self.motion == "linear" and self.handle_radius_m is not None:
-            yield ("handle_radius_m",), 'says nothing of a linear device; allowed: beside motion = "rotary"'
+            yield ("handle_radius_m",), 'applies to a rotary device only; leave it out, or set motion = "rotary"'
         if max(self.delay_samples, *(self.range.delay_samples or (0.0,))) > MOST_DELAY_SAMPLES:
             yield ("delay_samples",), f"is above {MOST_DELAY_SAMPLES}, or its range is; allowed: at most that"
         for key, interval in self.ranges.items():

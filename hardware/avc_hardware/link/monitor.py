@@ -121,7 +121,7 @@ def _check_heartbeat(heartbeat_s: float, rate_hz: float, device: Device, baud: i
     if heartbeat_s < least_s:
         message = (
             f"{heartbeat_s:g} s; allowed: {math.ceil(1e3 * least_s) / 1e3:g} to {LONGEST_HEARTBEAT_S:g} s: "
-            f"{_BEATS} heartbeats are sent in that time, and one takes up to {1e3 * least_s / _BEATS:.3g} ms beside "
+            f"{_BEATS} heartbeats are sent in that time, and one takes up to {1e3 * least_s / _BEATS:.3g} ms next to "
             f"records at {rate_hz:g} Hz ({baud} baud, ticks of {1e3 * device.sample_time_s:g} ms)"
         )
         raise InputError.of(message, key="heartbeat_s")
