@@ -20,6 +20,25 @@ class Progress:
 SILENT = Progress()
 
 
+class Stages:
+    """Stages of a long computation: each is reported as it begins, after those that are finished.
+
+    Args:
+        progress: receiver of the progress.
+        expected: number of stages of a usual computation; of one that takes more, one more is left at any time.
+    """
+
+    def __init__(self, progress: Progress, expected: int) -> None:
+        self._progress = progress
+        self._expected = expected
+        self._finished = -1
+
+    def begin(self, name: str) -> None:
+        """Report that a stage begins, and the one before it is finished."""
+        self._finished += 1
+        self._progress.advance(self._finished, max(self._expected, self._finished + 1), name)
+
+
 def chunks(rows: int, at_once: int, progress: Progress = SILENT, things: str = "") -> Iterator[slice]:
     """Yield slices of so many rows and report each that is done; one empty slice where there are no rows.
 

@@ -31,6 +31,9 @@ _ESTIMATED_AFTER_S = 1
 _REPEAT_S = 10.0
 """Time, s, after which the progress is printed anew where no line can be overwritten."""
 
+_REFRESH_S = 1.0
+"""Time, s, after which it is printed anew on a terminal: no wait looks as if it stood still."""
+
 
 class Console(Progress):
     """Standard output carries the answer alone, standard error everything else.
@@ -52,6 +55,7 @@ class Console(Progress):
         # Parts of the present step.
         self._total = -1
         self._done = 0
+        self._part = ""
         self._first = 0  # done when the count began
         self._began = 0.0  # when it began
         descriptor = -1
@@ -65,7 +69,7 @@ class Console(Progress):
                 os.dup2(2, 1)
             except OSError:
                 silence(1)
-        if work and not self._terminal:
+        if work:
             threading.Thread(target=self._repeat, daemon=True).start()
 
     def answer(self, answer: Answer, *, verbose: bool = False) -> None:
@@ -143,30 +147,43 @@ class Console(Progress):
             self._line = f"{outer_step} ..." if outer_step else ""
 
     def _repeat(self) -> None:
-        """Print every ten seconds what is done at present, the verb at least, where no line can be overwritten."""
-        while not self._answered.wait(_REPEAT_S):
+        """Print what is done at present, the verb at least: on a terminal every second, elsewhere every ten."""
+        while not self._answered.wait(_REFRESH_S if self._terminal else _REPEAT_S):
             line = self._line or (self._work and f"{self._work} ...")
-            if line:
+            if self._total >= 0:
+                line = self._counted(time.perf_counter())
+            if line and not self._terminal:
                 self.complain(line)
+            elif line and self._step is not None:
+                self._show(line)
 
     def advance(self, done: int, total: int, part: str = "") -> None:
         """Show the progress of the present step, at most five times a second, and after a second what time is left."""
-        now, step = time.perf_counter(), self._step or self._work
-        if total != self._total or done < self._done:
-            self._total = total
+        now = time.perf_counter()
+        # A count that turns out to be longer goes on.
+        longer = total == self._total + 1 and done >= self._done
+        if done < self._done or not (total == self._total or longer):
             self._first = done
             self._began = now
+        self._total = total
         self._done = done
+        self._part = part
         if now - self._shown < _ADVANCE_S:
             return
-        made, seconds = done - self._first, now - self._began
-        left = ""
-        if total and made > 0 and seconds >= _ESTIMATED_AFTER_S:
-            left = f"; {(total - done) * seconds / made:.0f} s left"
-        of_total = f" of {total}" if total else ""
-        self._shown, self._line = now, f"{step} ... {done}{of_total} {part}".rstrip() + left
+        self._shown, self._line = now, self._counted(now)
         if self._step is not None:
             self._show(self._line)
+
+    def _counted(self, now: float) -> str:
+        """Return what is done of the present step, and how long the rest takes at the same pace, if one is known."""
+        made, seconds = self._done - self._first, now - self._began
+        pace = ""
+        if seconds >= _ESTIMATED_AFTER_S:
+            pace = f"; {seconds:.0f} s so far"
+            if self._total and made > 0:
+                pace = f"; about {(self._total - self._done) * seconds / made:.0f} s left"
+        of_total = f" of {self._total}" if self._total else ""
+        return f"{self._step or self._work} ... {self._done}{of_total} {self._part}".rstrip() + pace
 
     def _show(self, line: str) -> None:
         """Overwrite the line of the present step on a terminal; Ctrl-C may have cut it anywhere."""

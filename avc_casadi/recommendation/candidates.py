@@ -9,7 +9,8 @@ from functools import cache
 import numpy as np
 
 from avc_casadi._errors import UnsupportedError
-from avc_casadi._util.progress import SILENT, Progress
+from avc_casadi._util.progress import SILENT, Progress, Stages
+from avc_casadi._util.text import quantity
 from avc_casadi.claims.deployable import deployable
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.observer_law import WIDTHS, with_dead_zone
@@ -44,6 +45,8 @@ _STRICTER = (
 )
 # Step of the search for the stiffest wall, and the last one: 1 % of the linear limit.
 _STIFFER = 1.2
+_USUAL_WALLS = 8
+"""Walls that are tried for the stiffest one, on most devices."""
 _SOFTEST = -26
 
 
@@ -78,15 +81,17 @@ def judge_softer_walls(problem: Problem, evaluator: Evaluator, plainly_n_per_m: 
 
 
 def stiffest_rendered(
-    problem: Problem, limit: DampingRange, evaluator_of: Callable[[Problem], Evaluator]
+    problem: Problem, limit: DampingRange, evaluator_of: Callable[[Problem], Evaluator], progress: Progress = SILENT
 ) -> tuple[Problem, Evaluator, Reason]:
     """Return the stiffest wall, to a fifth, before which a coupling is complete, its couplings, and why no stiffer."""
     about = limit.stiffness_n_per_m or 1e3 * softest_wall_n_per_m(problem.device)
+    stages = Stages(progress, _USUAL_WALLS)
 
     @cache
     def evaluation(step: int) -> tuple[Problem, Evaluator, Reason | None]:
         wall = {"stiffness_n_per_m": float(f"{about * _STIFFER**step:.3g}"), "damping_ns_per_m": 0.0}
         walled = problem.changed(environment=wall, detent=None)
+        stages.begin(f"walls, {quantity(wall['stiffness_n_per_m'], problem.units.unit('N/m'))}")
         evaluator = evaluator_of(walled)
         infeasible = why_infeasible(walled)
         if infeasible is None:

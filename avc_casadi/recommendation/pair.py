@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+from avc_casadi._util.progress import Stages
 from avc_casadi._util.text import quantity
 from avc_casadi.claims.llewellyn import Teleoperator, least_damping_ns_per_m, passivity_margin
 from avc_casadi.coupling import Coupling
@@ -82,9 +83,14 @@ class PairDesign:
     beyond_limit: ClassVar[float] = 1.02
     """Factor of the stiffest gains at which the worst loop is looked for."""
 
+    stages: ClassVar[int] = 4
+    """Stages of a usual design: the limit, its gain margin, a trial, the certificate."""
+
     def __init__(self, problem: Problem, request: Request) -> None:
         self.problem = problem
         self.request = request
+        self._stages = Stages(request.progress, self.stages)
+        self._stages.begin("stiffest stable coupling")
         self.search = search_of(problem.end, problem)
         self.stiffest, self.local = self.search.limit
         self.wanted_n_per_m = self.search.wanted_n_per_m
@@ -106,6 +112,7 @@ class PairDesign:
     def recommendation(self, best: Settled) -> PairRecommendation:
         """Return the answer with a coupling."""
         problem, gains = self.problem, best.gains
+        self._stages.begin("certificate and margins")
         certificate = self.certificate(gains)
         versions = self.request.versions
         coupling = Coupling.to_end(problem, gains, certificate, best.trial.document(), versions)
@@ -178,6 +185,7 @@ class PairDesign:
 
     def _first(self, *, local: bool) -> float:
         """Return the initial stiffness where none is wanted: nine tenths of the stiffest that has the gain margin."""
+        self._stages.begin("its gain margin")
         margins = (GAIN_MARGIN, self.search.least)
         stiffest = (self.search.stiffest_with_margin(self.stiffest, margin, local=local) for margin in margins)
         return 0.9 * (next(filter(None, stiffest), 0.0) or self.stiffest.stiffness_n_per_m / GAIN_MARGIN)
@@ -188,13 +196,12 @@ class PairDesign:
     def _stiffest_settled(self, plan: TrialPlan) -> Settled | None:
         """Return the stiffest coupling with which all hands settle, without dry friction if one of two more does."""
         problem, search = self.problem, self.search
-        progress = self.request.progress
         people = people_of(problem.hands, self.request.hands, self.request.seed)
         few, stiffness = people.pick(slice(0, FEW_HANDS)), plan.stiffness_n_per_m
         leaning: Settled | None = None
         stiffer: Unsettled | None = None
         for number in range(plan.count):
-            progress.advance(number, plan.count, f"K of {quantity(stiffness, problem.units.unit('N/m'))}")
+            self._stages.begin(f"hands with K of {quantity(stiffness, problem.units.unit('N/m'))}")
             tries: list[Trial] = []
             for gains in search.damped(stiffness, local=self.local, gain_margin=GAIN_MARGIN):
                 trial = self.last_trial = self._try(gains, few, screen=True)
@@ -219,6 +226,7 @@ class ToolDesign(PairDesign):
     """Design of spring and damper to a simulation, where a damper of the device's own loop may belong to them."""
 
     search: ToolSearch
+    stages = 7
 
     def __init__(self, problem: Problem, request: Request, tool: Simulation) -> None:
         super().__init__(problem, request)
@@ -243,10 +251,12 @@ class ToolDesign(PairDesign):
 
     def sensitivities(self) -> tuple[Sensitivity, ...]:
         """Return what would help, largest first."""
+        self._stages.begin("what would help")
         return what_would_help_tool(self.problem, self.search, local=self.local)
 
     def limits(self, gains: ToolGains | None) -> dict[str, Any]:
         """Return the values of `PairLimits`: also with which tool, step and exchange the same K is stable."""
+        self._stages.begin("the same K with another tool, step and exchange")
         # What is only linearly stable is no help where hands refute it.
         wanted = self.wanted_n_per_m if self.last_trial is None else None
         same = wanted if gains is None else gains.stiffness_n_per_m
@@ -255,6 +265,7 @@ class ToolDesign(PairDesign):
 
     def analysis(self, best: Settled) -> dict[str, Any]:
         """Return the values of `Pair` that only a coupling to a tool has."""
+        self._stages.begin("devices a tenth off")
         return {
             "stiffer": best.stiffer,
             "mismatch_stable": stable_on_other_devices(self.problem, best.gains),

@@ -50,8 +50,10 @@ class WallDesign:
         self._sensitivities: Callable[[], tuple[WallSensitivity, ...]] = crew.begin(partial(what_would_help, problem))
         self._limit = stiffest_wall(PlantFamily.of(problem))
         if request.stiffest:
-            near = partial(Evaluator, request=request, within=UNNOTICED)
-            self.problem, self._evaluator, no_stiffer = stiffest_rendered(problem, self._limit, near)
+            # The search reports its walls itself.
+            near = partial(Evaluator, request=replace(request, progress=SILENT), within=UNNOTICED)
+            found = stiffest_rendered(problem, self._limit, near, request.progress)
+            self.problem, self._evaluator, no_stiffer = found
         else:
             self.problem = problem
             self._evaluator = Evaluator(problem, request)

@@ -23,7 +23,9 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
+from itertools import repeat
 from pathlib import Path
 
 import numpy as np
@@ -315,35 +317,52 @@ def page(rows: Sequence[tuple[str, str]], cures: Sequence[tuple[str, bool, bool]
     return "\n\n".join(parts) + "\n"
 
 
+@dataclass(frozen=True)
+class Judged:
+    """What a diagnosis said of a log: whether that is right, its remedies, and lines to print."""
+
+    kind: str
+    outcome: str
+    cures: list[tuple[str, bool, bool]]
+    lines: tuple[str, ...]
+
+
+def judged(kind: str, seed: int, number: int) -> Judged:
+    """Draw a log, diagnose it, and make its remedies in the simulator."""
+    loop, wrong, log = case(kind, seed, number)
+    begun = time.process_time()
+    found = diagnose(log, device=declared(loop, wrong))
+    spent = time.process_time() - begun
+    answer = found.cause or found.verdict
+    outcome = "right" if answer == TRUTH.get(kind, kind) else answer if answer == "cannot tell" else "wrong"
+    if kind == "rest" and outcome == "right" and not rest_is_told(found, log, wrong):
+        outcome = "wrong"
+    cures = settled(found, wrong, kind)
+    lines = (f"{number}: {kind} -> {answer} ({spent:.1f} s) {cures}",)
+    if outcome != "right" or not all(held and free for _, held, free in cures):
+        lines += (f"    {found.conclusion}; {wrong}",)
+    return Judged(kind, outcome, cures, lines)
+
+
 def main() -> None:
     """Run the study; the page is written after each log."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--count", type=int, default=11, help="logs")
     parser.add_argument("--seed", type=int, default=612)
     parser.add_argument("--kinds", nargs="+", choices=KINDS, default=KINDS, help="what is wrong, in turn")
+    parser.add_argument("--workers", type=int, default=1, help="processes")
     parser.add_argument("--write", action="store_true", help="make RESULTS_swings.md; overwrites it")
     args = parser.parse_args()
     rows: list[tuple[str, str]] = []
     cures: list[tuple[str, bool, bool]] = []
-    for number in range(args.count):
-        kind = args.kinds[number % len(args.kinds)]
-        loop, wrong, log = case(kind, args.seed, number)
-        begun = time.process_time()
-        found = diagnose(log, device=declared(loop, wrong))
-        spent = time.process_time() - begun
-        answer = found.cause or found.verdict
-        outcome = "right" if answer == TRUTH.get(kind, kind) else answer if answer == "cannot tell" else "wrong"
-        if kind == "rest" and outcome == "right" and not rest_is_told(found, log, wrong):
-            outcome = "wrong"
-        rows.append((kind, outcome))
-        tried = settled(found, wrong, kind)
-        cures += tried
-        print(f"{number}: {kind} -> {answer} ({spent:.1f} s) {tried}", flush=True)
-        if outcome != "right" or not all(held and free for _, held, free in tried):
-            print(f"    {found.conclusion}; {wrong}", flush=True)
-        if args.write:
-            (HERE / "RESULTS_swings.md").write_text(page(rows, cures, args.seed, args.count), encoding="utf-8")
-    print(page(rows, cures, args.seed, args.count))
+    kinds = [args.kinds[number % len(args.kinds)] for number in range(args.count)]
+    with ProcessPoolExecutor(args.workers) as pool:
+        for found in pool.map(judged, kinds, repeat(args.seed), range(args.count)):
+            rows.append((found.kind, found.outcome))
+            cures += found.cures
+            print(*found.lines, sep="\n", flush=True)
+            if args.write:
+                (HERE / "RESULTS_swings.md").write_text(page(rows, cures, args.seed, args.count), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -93,8 +93,11 @@ def _two_port(pair: Pair) -> list[Row]:
 
 def _pair_limit(recommended: NoPair | PairRecommendation) -> list[Row]:
     """Return the stiffest coupling by linear stability, what would help, and what is declared and not used."""
-    stiffest = recommended.pair.stiffest.stiffness_n_per_m
-    limit: Parts = ("K", Value(stiffest, "stiffness")) if stiffest else "no K is stable"
+    stiffest = recommended.pair.stiffest
+    dampers = "with a damper in the device's loop" if stiffest.local_damping_ns_per_m else "with K and B alone"
+    limit: Parts = "no K is stable"
+    if stiffest.stiffness_n_per_m:
+        limit = ("K", Value(stiffest.stiffness_n_per_m, "stiffness"), dampers)
     changes = [
         (CHANGES[change.change], Value(change.stiffest_n_per_m, "stiffness"))
         for change in recommended.sensitivities[:3]
