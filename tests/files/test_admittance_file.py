@@ -78,7 +78,7 @@ def test_those_of_the_catalogue_are_read_and_deployable(name):
         ("[0, 5e3]", "[0, inf]", "contact.stiffness_n_per_m: is"),
         ("[contact]", "[environment]", "environment: is not a known key"),
         ("admittance = {", "stiffness_n_per_m = 1\nadmittance = {", "law.stiffness_n_per_m: is not a known key"),
-        ("drive_bandwidth_hz = 15", "handle_radius_m = 0.1\ndrive_bandwidth_hz = 15", "handle_radius_m: says nothing"),
+        ("drive_bandwidth_hz = 15", "handle_radius_m = 0.1\ndrive_bandwidth_hz = 15", "handle_radius_m"),
         (
             "[device.force_sensor]",
             "range = { handle_mass_kg = [1.0, 2.0] }\n[device.force_sensor]",
