@@ -245,7 +245,8 @@ def worst_case(case: HandleCase) -> tuple[Part, ...]:
     if case.handle == "leaning":
         return parts(contact, ", without a hand")
     hand = subject.hand(case.hand)
-    return parts(hand, ", pressed against a", contact) if case.handle == "pressed" else hand
+    touches = case.handle == "pressed" and case.contact["stiffness_n_per_m"] > 0
+    return parts(hand, ", pressed against a", contact) if touches else hand
 
 
 def _margins(result: AdmittanceCertificate) -> Row:
