@@ -86,6 +86,7 @@ const look = () => {
 };
 requestAnimationFrame(look);
 """
+_ANSWERED = "return !document.querySelector('main').classList.contains('behind')"
 _SETTLED = """
 return document.getElementById("status").textContent === "ready" && document.getElementById("cancel").hidden
   && !document.querySelector("main").classList.contains("behind") && document.querySelector("#rows td.method > div");
@@ -126,6 +127,8 @@ def explored(name: str) -> dict[str, Any]:
         sized(driver, "laptop")
         with served(name) as server:
             found["cold"] = opened(driver, server)
+            # Its last answers would take the processor of the warm server.
+            until(lambda: driver.execute_script(_ANSWERED), 600)
         with served(name) as server:
             warm(server.explorer)
             found["warm"] = opened(driver, server)
