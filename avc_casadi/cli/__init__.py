@@ -97,7 +97,7 @@ def build_parser() -> argparse.ArgumentParser:
             if run.__module__ != module.__name__:
                 continue
             text = cleandoc(run.__doc__ or "")
-            command = verbs.add_parser(name, description=text, add_help=False, **usage)
+            command = verbs.add_parser(name, description=text.replace("\n\n", "\n", 1), add_help=False, **usage)
             command.add_argument("-h", "--help", action="help", help=argparse.SUPPRESS)
             for names, options in arguments:
                 command.add_argument(*names, **options)

@@ -50,8 +50,8 @@ def run_export(args: argparse.Namespace, console: Console) -> Answer:
 
     The code is valid C99 and C++11, and runs at the coupling's sample time.
     For a [simulation] or a [follower] it contains the code of both ends.
-    A table [law] of a problem is exported with all its pieces; of an admittance device the function takes
-    position and force, and returns the velocity to command.
+    A table [law] of a problem is exported with all its pieces.
+    For an admittance device the function takes position and force, and returns the velocity to command.
     What is not deployable is refused with exit code 1; --unsafe overrides this.
     """
     from avc_casadi.cli import ends
