@@ -284,7 +284,8 @@ function named(line) {
 function place(charts) {
   const all = columns().every((column) => !late(column, shown[column].of.whole));
   const few = all && charts.size <= FEW;
-  const first = [...charts.keys()].filter((id) => few || FIRST.includes(id)).sort((a, b) => FIRST.indexOf(a) - FIRST.indexOf(b));
+  const leading = FIRST.filter((id) => charts.has(id));
+  const first = few ? [...leading, ...[...charts.keys()].filter((id) => !leading.includes(id))] : leading;
   get("charts").dataset.count = all ? first.length : FEW;
   const open = charts.has(picked) ? picked : first[0] ?? charts.keys().next().value;
   const names = [...charts.values()].map((one) => made("option", { value: one.id, selected: one.id === open }, one.title));
