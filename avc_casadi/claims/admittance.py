@@ -18,7 +18,7 @@ from avc_casadi._util.arrays import ComplexArray, FloatArray
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.printed import Printed
 from avc_casadi._util.text import quantity
-from avc_casadi.claims.law_limits import LawLimits
+from avc_casadi.claims.law_limits import LawLimits, stacked
 from avc_casadi.claims.stated_law import noise_gain
 from avc_casadi.files.admittance_file import AnyAdmittance, as_admittance
 from avc_casadi.loops.handle import Handle, HandleFamily, HandleSide, Pair, leading_poles, plants_of
@@ -155,8 +155,12 @@ class HandleAnalysis:
         Of a number that is 0 now the interval is that about 1, for the scan needs a size to begin with.
         """
         number = LawNumber((key,), getattr(law, key) or 1.0)
-        changed = LawLimits(self.family, leading_poles)
-        return changed.interval(number, lambda value: [law.with_number(key, value).law(self.period_s)])
+        changed = LawLimits(self.family, measure=leading_poles)
+
+        def laws_of(values: FloatArray) -> list[Law]:
+            return [stacked([law.with_number(key, value).law(self.period_s) for value in values.tolist()])]
+
+        return changed.interval(number, laws_of)
 
     def stiffest_contact_n_per_m(self, law: VirtualImpedance) -> float:
         """Return the stiffest contact up to which every contact is stable; infinite without a limit, 0 where none is.

@@ -4,15 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
+import numpy as np
+
 from avc_casadi._errors import InputError
+from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.printed import Printed
 from avc_casadi.claims.stable_interval import Interval, inside_ends, stable_interval
 from avc_casadi.files.problem_file import AnyProblem, load_any
 from avc_casadi.loops.joint import JointFamily, JointGains
 from avc_casadi.loops.margins import SOUND_DISK
+from avc_casadi.loops.plant_family import RADIUS_TOLERANCE
 from avc_casadi.model.control_law import LawNumber
 from avc_casadi.model.ends import LIGHTEST_TOOL_KG, LONGEST_STEP_S
 from avc_casadi.model.joint import Joint
@@ -188,10 +193,15 @@ class _Limits:
         """Return the stable interval about a value, or nearest to it; None where no value is stable."""
         name = number.key
         for _ in range(_SEARCHES):
-            ends = stable_interval(number, lambda value: self.family.stable(*self._at(name, value)))
+            ends = stable_interval(number, partial(self._growth, name))
             if ends is None or all(self._confirmed(name, value) for value in inside_ends(number, ends)):
                 break
         return ends
+
+    def _growth(self, name: str, values: FloatArray) -> FloatArray:
+        """Return the largest spectral radius less 1 at each of some values."""
+        loops = (self.family.loops(*self._at(name, value)) for value in values.tolist())
+        return np.array([loop.radius.max() - 1 + RADIUS_TOLERANCE for loop in loops])
 
     def _confirmed(self, name: str, value: float) -> bool:
         """Return whether a search of the ranges finds no joint that is unstable at a value of a number."""

@@ -1,76 +1,48 @@
 """Between which values a number of a law is stable with the others kept, over every plant of a family.
 
-Bisection on the worst case at the corners of the ranges; what a search of the ranges finds worse joins these.
+The root of the worst growth at the corners of the ranges; what a search of the ranges finds worse joins these.
 D-decomposition (`loops.walls`) answers the same of k and b of a plain law, at once; other numbers enter a loop in no
-such simple way.
+such simple way. Pieces that are not linear are judged at every slope of their ranges.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import Enum, auto
-from itertools import product, zip_longest
+from functools import cached_property, partial
 from typing import Any, Protocol
 
 import numpy as np
 
-from avc_casadi._util.arrays import ComplexArray, FloatArray, IndexArray
+from avc_casadi._util.arrays import FloatArray, IndexArray
+from avc_casadi.claims.law_points import (
+    LawPoint,
+    PointSide,
+    WorstPoint,
+    corner_points,
+    law_at,
+    radius,
+    slopes_at,
+    worst,
+)
+from avc_casadi.claims.stable_interval import Interval, inside_ends, stable_interval
 from avc_casadi.claims.stated_law import StatedSystem
 from avc_casadi.loops.loop import Body
-from avc_casadi.loops.plant_family import Measure
+from avc_casadi.loops.plant_family import Measure as PlantMeasure
 from avc_casadi.loops.wall import closed
 from avc_casadi.model.control_law import ControlLaw, LawNumber
-from avc_casadi.model.hands import Hand
 from avc_casadi.model.law import Law
 from avc_casadi.model.plant import SampledPlant
 
-LawsOf = Callable[[float], Sequence[Law]]
-"""The laws that act, in contact and outside the wall, at a value of a number."""
-Interval = tuple[float, float]
+LawsOf = Callable[[FloatArray], Sequence[Law]]
+"""The laws that act, in contact and outside the wall, at m values of a number: each a `Law` of m."""
 
-# Values of a scan: from a value up and down by a factor, in so many steps; a side of another sign has as many.
-_REACH = 1e4
-_STEPS = 64
-# Bisections between a stable value and one that is not: to 1e-8 of their distance.
-_BISECTIONS = 27
 # Plants that a scan looks at: those of the largest radii. The others are looked at where it ends.
 _PLANTS_OF_A_SCAN = 12
-# A limit is confirmed by at most so many searches of the ranges, so far inside the boundary.
+# A limit is confirmed by at most so many searches of the ranges.
 _SEARCHES = 4
-_JUST_INSIDE = 1e-6
-
-
-Pair = tuple[Any, Hand]
-"""A device without ranges, of a force or of a velocity that is commanded, in a hand."""
-
-
-class FoundCase(Protocol):
-    """What a search of a side finds."""
-
-    @property
-    def radius(self) -> float:
-        """The modulus of the measure."""
-
-    @property
-    def pair(self) -> Any:
-        """The device and the hand."""
-
-
-class Side(Protocol):
-    """Plants of one box of ranges: in a hand, or released."""
-
-    @property
-    def devices(self) -> Sequence[Any]:
-        """The corners of the device's ranges."""
-
-    @property
-    def held(self) -> Hand:
-        """The hands that are tried before a search."""
-
-    def worst_case(self, measure: Measure) -> FoundCase:
-        """Return where a measure is largest."""
 
 
 class JudgedPlants(Protocol):
@@ -81,121 +53,143 @@ class JudgedPlants(Protocol):
         """The device with its ranges."""
 
     @property
-    def sides(self) -> Sequence[Side]:
+    def sides(self) -> Sequence[PointSide]:
         """The boxes of its ranges."""
 
     def plants(self, pairs: Sequence[Any]) -> SampledPlant:
         """Return the plants of pairs."""
 
 
-@dataclass(eq=False)
+@dataclass(frozen=True)
+class NumberLaws:
+    """The laws of a table in which one number takes other values.
+
+    Attributes:
+        table: the law.
+        number: which of its numbers.
+        acting: the laws that act, of a table.
+    """
+
+    table: ControlLaw
+    number: LawNumber
+    acting: Callable[[ControlLaw], Sequence[Law]]
+
+    def __call__(self, values: FloatArray) -> list[Law]:
+        """Return the laws at m values, each a `Law` of m."""
+        if self.number.linear and values.all():
+            first, second = self._of_two_values
+            share = values / self.number.value - 1
+            return [_between(*pair, share) for pair in zip(first, second, strict=True)]
+        of_values = [self._at(value) for value in values.tolist()]
+        return [stacked(laws) for laws in zip(*of_values, strict=True)]
+
+    @cached_property
+    def _of_two_values(self) -> tuple[Sequence[Law], Sequence[Law]]:
+        """The laws at the value and at twice the value: of a gain, which every matrix is affine in, they say all."""
+        return self._at(self.number.value), self._at(2 * self.number.value)
+
+    def _at(self, value: float) -> Sequence[Law]:
+        return self.acting(self.table.with_number(self.number.path, int(value) if self.number.whole else value))
+
+
+def _between(first: Law, second: Law, share: FloatArray) -> Law:
+    """Return the laws M_1 + share (M_2 - M_1) of each matrix M."""
+    column = share[:, None, None]
+    a, b, c, d = (
+        getattr(first, name) + column * (getattr(second, name) - getattr(first, name)) for name in ("a", "b", "c", "d")
+    )
+    return Law(a, b, c, d, first.sample_time_s, first.sectors)
+
+
+def stacked(laws: Sequence[Law]) -> Law:
+    """Return laws of the same signals as one of many; a state that one does not have stays 0 there."""
+    states = max(law.states for law in laws)
+
+    def grown(matrix: FloatArray, rows: int, columns: int) -> FloatArray:
+        return np.pad(matrix, ((0, rows - matrix.shape[0]), (0, columns - matrix.shape[1])))
+
+    inputs, outputs = laws[0].b.shape[-1], laws[0].c.shape[-2]
+    return Law(
+        a=np.stack([grown(law.a, states, states) for law in laws]),
+        b=np.stack([grown(law.b, states, inputs) for law in laws]),
+        c=np.stack([grown(law.c, outputs, states) for law in laws]),
+        d=np.stack([law.d for law in laws]),
+        sample_time_s=laws[0].sample_time_s,
+        sectors=laws[0].sectors,
+    )
+
+
 class LawLimits:
-    """The plants of a family around a law with one number changed."""
+    """The plants of a family around laws with one number changed."""
 
-    family: JudgedPlants
-    measure: Callable[[Law], Measure] = field(default_factory=lambda: _leading_pole)
+    def __init__(
+        self,
+        family: JudgedPlants,
+        acting: Sequence[Law] = (),
+        measure: Callable[[Law], PlantMeasure] | None = None,
+    ) -> None:
+        self.family = family
+        # Another measure than the radius alone: of several kinds of poles.
+        self._measure = measure
+        self._points: list[LawPoint] = []
+        # Of the laws that act that with all of the sectors.
+        self._sectors = max((law.sectors for law in acting), key=len, default=())
+        self._keep([point for side in family.sides for point in corner_points(side, self._sectors)])
+        self._chosen: IndexArray = np.arange(len(self._points))
 
-    def __post_init__(self) -> None:
-        self._pairs: list[Pair] = []
-        self._keep([pair for side in self.family.sides for pair in corner_pairs(side)])
-        self._chosen: IndexArray = np.arange(len(self._pairs))
-
-    def _keep(self, pairs: Sequence[Pair]) -> None:
-        """Keep further plants; those of unlike delays need one queue."""
-        self._pairs += pairs
-        self._bodies = Body.of(self.family.plants(self._pairs)).flat()
-
-    def of_numbers(self, own: ControlLaw | StatedSystem, *, one_sided: bool) -> dict[str, Interval | None]:
-        """Return the stable interval of each number of a law, by its key; `one_sided`: it acts outside too."""
-        period = self.family.device.sample_time_s
-
-        def interval(number: LawNumber, table: ControlLaw) -> Interval | None:
-            def laws_of(value: float) -> list[Law]:
-                changed = table.with_number(number.path, int(value) if number.whole else value)
-                return [changed.law(period), changed.outside(period)] if one_sided else [changed.law(period)]
-
-            return self.interval(number, laws_of)
-
-        if isinstance(own, StatedSystem):
-            return {}
-        return {number.key: interval(number, own) for number in own.numbers(period)}
+    def _keep(self, points: Sequence[LawPoint]) -> None:
+        """Keep further points; plants of unlike delays need one queue."""
+        self._points += points
+        self._bodies = Body.of(self.family.plants([(point.device, point.hand) for point in self._points])).flat()
+        self._slopes = slopes_at(self._points, self._sectors)
 
     def interval(self, number: LawNumber, laws_of: LawsOf) -> Interval | None:
         """Return the stable interval of a number about its value, or nearest to it; None where no value is stable."""
-        radii = self._radii(laws_of(number.value), slice(None))
+        radii = self._radii(laws_of(np.array([number.value])), slice(None))[:, 0]
         self._chosen = np.argsort(radii)[-_PLANTS_OF_A_SCAN:]
         for _ in range(_SEARCHES):
-            stable = self._nearest(number, laws_of)
-            if stable is None:
-                return None
-            ends = self._end(number, laws_of, stable, -1), self._end(number, laws_of, stable, 1)
-            if self._confirmed(laws_of, ends, number):
+            ends = stable_interval(number, partial(self._growth, laws_of))
+            if ends is None or self._confirmed(laws_of, inside_ends(number, ends)):
                 break
         return ends
 
     def _radii(self, laws: Sequence[Law], rows: slice | IndexArray) -> FloatArray:
-        body = self._bodies.axes(rows)
-        return np.asarray(np.max([closed(body, law).radius for law in laws], axis=0))
+        """Return the largest radius at each point over laws of m values, shape (points, m)."""
+        body = self._bodies.axes(rows, None)
+        linear = [law_at(law, self._slopes, rows, None) for law in laws]
+        return np.asarray(np.max([closed(body, law).radius for law in linear], axis=0))
 
-    def _holds(self, laws_of: LawsOf, value: float) -> bool:
-        return bool(self._radii(laws_of(value), self._chosen).max() < 1)
+    def _growth(self, laws_of: LawsOf, values: FloatArray) -> FloatArray:
+        """Return the largest radius at the chosen points less 1, at each of some values."""
+        return np.asarray(self._radii(laws_of(values), self._chosen).max(axis=0) - 1)
 
-    def _nearest(self, number: LawNumber, laws_of: LawsOf) -> float | None:
-        """Return the value of a number, or the stable one of the scan that is the fewest steps away."""
-        if self._holds(laws_of, number.value):
-            return number.value
-        sides = (_scan(number, number.value, sign) for sign in (-1, 1))
-        near = (value for steps in zip_longest(*sides) for value in steps if value is not None)
-        return next((value for value in near if self._holds(laws_of, value)), None)
-
-    def _end(self, number: LawNumber, laws_of: LawsOf, stable: float, sign: int) -> float:
-        """Return the last stable value on a side; infinite, or the bound of the number, where the scan meets none."""
-        last = stable
-        for value in _scan(number, stable, sign):
-            if not self._holds(laws_of, value):
-                return last if number.whole else self._edge(laws_of, last, value)
-            last = value
-        return number.lowest if sign < 0 else number.highest
-
-    def _edge(self, laws_of: LawsOf, stable: float, unstable: float) -> float:
-        """Return the last stable value between a stable and an unstable one."""
-        for _ in range(_BISECTIONS):
-            middle = 0.5 * (stable + unstable)
-            if self._holds(laws_of, middle):
-                stable = middle
-            else:
-                unstable = middle
-        return stable
-
-    def _confirmed(self, laws_of: LawsOf, ends: Interval, number: LawNumber) -> bool:
-        """Look for plants that are unstable just inside an interval, at all corners and in the ranges; keep them."""
+    def _confirmed(self, laws_of: LawsOf, values: Sequence[float]) -> bool:
+        """Look for points that are unstable at some values, at all corners and in the ranges; keep them."""
         confirmed = True
-        for end, sign in zip(ends, (1, -1), strict=True):
-            if end in (number.lowest, number.highest) or math.isinf(end):
-                continue
-            inside = end if number.whole else end + sign * _JUST_INSIDE * abs(end)
-            laws = laws_of(inside)
-            worse = np.flatnonzero(self._radii(laws, slice(None)) >= 1)
+        for value in values:
+            laws = laws_of(np.array([value]))
+            worse = np.flatnonzero(self._radii(laws, slice(None))[:, 0] >= 1)
             if not worse.size:
-                worse = self._searched(laws)
+                worse = self._searched([law.pick(0) for law in laws])
             confirmed = confirmed and not worse.size
             self._chosen = np.union1d(self._chosen, worse).astype(np.intp)
         return confirmed
 
     def _searched(self, laws: Sequence[Law]) -> IndexArray:
-        """Return the rows of new plants of the ranges that are unstable with some laws."""
-        before = len(self._pairs)
-        cases = [side.worst_case(self.measure(law)) for law in laws for side in self.family.sides]
-        unstable = [case for case in cases if case.radius >= 1]
+        """Return the rows of new points of the ranges that are unstable with some laws."""
+        before = len(self._points)
+        found = [self._worst(law, side) for law in laws for side in self.family.sides]
+        unstable = [case.point for case in found if case.value >= 1]
         if unstable:
-            self._keep([case.pair for case in unstable])
-        return np.arange(before, len(self._pairs))
+            self._keep(unstable)
+        return np.arange(before, len(self._points))
 
-
-def corner_pairs(side: Side) -> list[Pair]:
-    """Return every corner of the device with every corner of the hands, or with none."""
-    hands = [side.held.pick(slice(row, row + 1)) for row in range(len(side.held))]
-    return list(product(side.devices, hands))
+    def _worst(self, law: Law, side: PointSide) -> WorstPoint:
+        """Return the worst point of a side."""
+        if self._measure is None:
+            return worst(law, side, radius)
+        case = side.worst_case(self._measure(law))
+        return WorstPoint(LawPoint(*case.pair), case.radius)
 
 
 class LimitSide(Enum):
@@ -245,31 +239,3 @@ def nearest_limit(
         return abs(number.value - number.limit) / abs(number.value), number.key
 
     return min(beyond, key=change, default=BeyondLimit(LimitSide.NONE_STABLE))
-
-
-def _leading_pole(law: Law) -> Measure:
-    def of_plants(plant: SampledPlant, _: object) -> ComplexArray:
-        return closed(Body.of(plant).flat(), law).leading
-
-    return of_plants
-
-
-def _scan(number: LawNumber, start: float, sign: int) -> list[float]:
-    """Return values of a number from a start on, by even factors up or down, up to its bound on that side.
-
-    A number of either sign passes 0, which is one of the values, and goes on by the factors of its own size.
-    """
-    bound = number.highest if sign > 0 else number.lowest
-    if number.whole:
-        return [float(value) for value in range(int(start) + sign, int(bound) + sign, sign)]
-    factors = np.geomspace(1.0, _REACH, _STEPS + 1)[1:]
-    size = abs(start) or abs(number.value)
-    away, back = sign * size * factors, -sign * size / factors
-    if start * sign > 0:
-        values = away
-    elif start == 0:
-        values = sign * size * np.concatenate([1 / factors[::-1], [1.0], factors])
-    else:
-        values = np.concatenate([back, [0.0], -back[::-1], [sign * size], away])
-    inside = [float(value) for value in values if value * sign < bound * sign]
-    return inside if math.isinf(bound) else [*inside, bound]

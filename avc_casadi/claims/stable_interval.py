@@ -1,34 +1,45 @@
-"""Between which values a number of a loop is stable: a scan by even factors, then bisection at its ends."""
+"""Between which values a number of a loop is stable: a scan by even factors, then a root at its ends."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from itertools import zip_longest
 
 import numpy as np
+from scipy.optimize import brentq
 
+from avc_casadi._util.arrays import FloatArray
 from avc_casadi.model.control_law import LawNumber
 
 Interval = tuple[float, float]
-Holds = Callable[[float], bool]
-"""Whether every loop is stable at a value."""
+Growth = Callable[[FloatArray], FloatArray]
+"""The largest spectral radius less 1 of all loops at some values of a number, shape (m,): below 0 all are stable."""
 
-# Values of a scan: from a value up and down by a factor, in so many steps; a side of another sign has as many.
+# Values of a scan: from a value up and down by a factor, in so many steps; a side of another sign has as many. So many
+# are looked at together.
 _REACH = 1e4
 _STEPS = 64
-# Bisections between a stable value and one that is not: to 1e-8 of their distance.
+_TOGETHER = 16
+# An end is right to this share of the distance between a stable value and one that is not.
+_PRECISION = 1e-8
 _BISECTIONS = 27
 JUST_INSIDE = 1e-6
 """Share of an end by which the value that confirms it lies inside."""
 
 
-def stable_interval(number: LawNumber, holds: Holds) -> Interval | None:
+def stable_interval(number: LawNumber, growth: Growth) -> Interval | None:
     """Return the stable interval of a number about its value, or nearest to it; None where no value is stable."""
-    stable = _nearest(number, holds)
+    stable = _nearest(number, growth)
     if stable is None:
         return None
-    return _end(number, holds, stable, -1), _end(number, holds, stable, 1)
+    return _end(number, growth, stable, -1), _end(number, growth, stable, 1)
+
+
+def _together(values: Sequence[float]) -> Iterator[Sequence[float]]:
+    """Yield values that are looked at together."""
+    for first in range(0, len(values), _TOGETHER):
+        yield values[first : first + _TOGETHER]
 
 
 def inside_ends(number: LawNumber, ends: Interval) -> list[float]:
@@ -40,33 +51,45 @@ def inside_ends(number: LawNumber, ends: Interval) -> list[float]:
     ]
 
 
-def _nearest(number: LawNumber, holds: Holds) -> float | None:
+def _nearest(number: LawNumber, growth: Growth) -> float | None:
     """Return the value of a number, or the stable one of the scan that is the fewest steps away."""
-    if holds(number.value):
-        return number.value
     sides = (_scan(number, number.value, sign) for sign in (-1, 1))
-    near = (value for steps in zip_longest(*sides) for value in steps if value is not None)
-    return next((value for value in near if holds(value)), None)
+    near = [number.value, *(value for steps in zip_longest(*sides) for value in steps if value is not None)]
+    for values in ([number.value], *_together(near[1:])):
+        stable = growth(np.array(values)) < 0
+        if stable.any():
+            return float(values[int(stable.argmax())])
+    return None
 
 
-def _end(number: LawNumber, holds: Holds, stable: float, sign: int) -> float:
+def _end(number: LawNumber, growth: Growth, stable: float, sign: int) -> float:
     """Return the last stable value on a side; infinite, or the bound of the number, where the scan meets none."""
     last = stable
-    for value in _scan(number, stable, sign):
-        if not holds(value):
-            return last if number.whole else _edge(holds, last, value)
-        last = value
+    for values in _together(_scan(number, stable, sign)):
+        unstable = growth(np.array(values)) >= 0
+        if unstable.any():
+            first = int(unstable.argmax())
+            last = values[first - 1] if first else last
+            return last if number.whole else _edge(growth, last, values[first])
+        last = values[-1]
     return number.lowest if sign < 0 else number.highest
 
 
-def _edge(holds: Holds, stable: float, unstable: float) -> float:
-    """Return the last stable value between a stable and an unstable one."""
+def _edge(growth: Growth, stable: float, unstable: float) -> float:
+    """Return the last stable value between a stable and an unstable one: Brent's root, on its stable side."""
+
+    def at(value: float) -> float:
+        return float(growth(np.array([value]))[0])
+
+    precision = _PRECISION * abs(unstable - stable)
+    root = float(brentq(at, stable, unstable, xtol=precision, rtol=4 * np.finfo(np.float64).eps))
+    for steps in (0, 2):
+        value = root + steps * math.copysign(precision, stable - unstable)
+        if min(stable, unstable) <= value <= max(stable, unstable) and at(value) < 0:
+            return value
     for _ in range(_BISECTIONS):
         middle = 0.5 * (stable + unstable)
-        if holds(middle):
-            stable = middle
-        else:
-            unstable = middle
+        stable, unstable = (middle, unstable) if at(middle) < 0 else (stable, middle)
     return stable
 
 

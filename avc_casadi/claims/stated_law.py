@@ -10,9 +10,9 @@ from typing import Any, Protocol
 import numpy as np
 from scipy.linalg import schur, solve_sylvester
 
-from avc_casadi._errors import InputError, UnsupportedError
+from avc_casadi._errors import InputError
 from avc_casadi._util.json_values import plain
-from avc_casadi.model.control_law import ControlLaw, LawNumber, LowPassVelocity
+from avc_casadi.model.control_law import ControlLaw, DifferenceVelocity, LawNumber, LowPassVelocity, TicksVelocity
 from avc_casadi.model.device import Device
 from avc_casadi.model.law import Law
 from avc_casadi.model.problem import Problem
@@ -107,11 +107,55 @@ def with_law(problem: Problem, law: Any, gains: Mapping[str, float | None]) -> P
     changes: dict[str, Any] = {key: gains[name] for name, key in keys.items() if gains[name] is not None}
     if gains["cutoff_hz"] is not None:
         changes["velocity"] = LowPassVelocity(cutoff_hz=gains["cutoff_hz"])
-    changed = stated.changed(law=changes) if changes else stated
-    if changed.law is not None and not changed.law.is_linear:
-        unjudged = "has a nonlinear piece, time between steps or a slower rate, which avc certify does not judge yet"
-        raise UnsupportedError(unjudged, key="law")
-    return changed
+    return stated.changed(law=changes) if changes else stated
+
+
+def at_own_rate(problem: Problem) -> Problem:
+    """Return a problem in which a law of a rate divider n runs at every sample: T n, and a delay of so many of these.
+
+    A delay of d samples T is one of d/n samples T n, and what the device holds between is the same.
+    """
+    law, device = problem.law, problem.device
+    if law is None or law.rate_divider == 1:
+        return problem
+    slower = law.rate_divider
+    ranges = device.range
+    if ranges.delay_samples is not None:
+        low, high = ranges.delay_samples
+        ranges = ranges.model_copy(update={"delay_samples": (low / slower, high / slower)})
+    clock = {"sample_time_s": slower * device.sample_time_s, "delay_samples": device.delay_samples / slower}
+    slow_device = device.model_copy(update={**clock, "range": ranges})
+    return problem.model_copy(update={"device": slow_device, "law": law.model_copy(update={"rate_divider": 1})})
+
+
+@dataclass(frozen=True)
+class ActingLaws:
+    """The laws that act in contact, and outside the wall, each with its nonlinear pieces as sectors."""
+
+    in_contact: tuple[Law, ...]
+    outside: tuple[Law, ...] = ()
+
+    @property
+    def all(self) -> tuple[Law, ...]:
+        """All of them."""
+        return (*self.in_contact, *self.outside)
+
+
+def acting_laws(own: ControlLaw | StatedSystem, period_s: float, *, outside: bool) -> ActingLaws:
+    """Return the laws that act, those outside the wall too on request.
+
+    A time between steps is a window of up to twice its timeout, as long as the motion is slow: the difference of fast
+    motion and the longest window are judged.
+    """
+    if isinstance(own, StatedSystem):
+        return ActingLaws((own.stated,))
+    tables = [own]
+    if isinstance(own.velocity, TicksVelocity):
+        tables.append(own.model_copy(update={"velocity": DifferenceVelocity()}))
+    return ActingLaws(
+        in_contact=tuple(table.with_sectors(period_s) for table in tables),
+        outside=tuple(table.with_sectors(period_s, contact=False) for table in tables if outside),
+    )
 
 
 def static_gain(law: Law) -> float:

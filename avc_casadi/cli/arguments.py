@@ -185,11 +185,11 @@ def is_coupling(text: str) -> bool:
 def load_any_device(source: str) -> tuple[DeviceFile, Hands | None]:
     """Load a device file, or the device of a problem with its hands."""
     from avc_casadi.files.device_file import DeviceFile
-    from avc_casadi.files.problem_file import as_device, is_device
+    from avc_casadi.files.problem_file import is_device, require_device
 
     if is_device(source):
         return avc.load_device(source), None
-    problem = as_device(source)
+    problem = require_device(source)
     return DeviceFile(name=problem.name, title=problem.title, device=problem.device), problem.hands
 
 

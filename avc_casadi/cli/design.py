@@ -270,10 +270,10 @@ def run_run(args: argparse.Namespace, console: Console) -> Answer:
     This verb is for walls; for a [simulation] or [follower] use `avc recommend`.
     """
     from avc_casadi.cli.ends import coupling_text
-    from avc_casadi.files.problem_file import as_device
+    from avc_casadi.files.problem_file import require_device
 
     with console.step(args.problem):
-        problem = as_device(args.problem)
+        problem = require_device(args.problem)
     if _is_pair(problem):
         command = f"avc recommend {quote(args.problem)} --out coupling.json"
         raise avc.InputError.of(f"has no wall, which avc run needs; use {command}", key="P")

@@ -18,7 +18,8 @@ from avc_casadi._util.json_values import json_text
 from avc_casadi.claims.certify import proof_files
 from avc_casadi.claims.deployable import require_deployable
 from avc_casadi.claims.joint import certify_joint
-from avc_casadi.claims.own_law import SpringDamper, valid_law
+from avc_casadi.claims.law_analysis import SpringDamper
+from avc_casadi.claims.own_law import valid_law
 from avc_casadi.claims.zwidth import zwidth
 from avc_casadi.cli import arguments as cli
 from avc_casadi.cli.console import Console, output_folder, write_figure
@@ -28,7 +29,7 @@ from avc_casadi.design.scene_coupling import SimulatedPair, SimulatedScene, law_
 from avc_casadi.design.tool_region import tool_region
 from avc_casadi.design.virtual_tool import certify_pair, search_of
 from avc_casadi.files.coupling_file import coupling_document
-from avc_casadi.files.problem_file import as_device
+from avc_casadi.files.problem_file import require_device
 from avc_casadi.model.declared import with_gains
 from avc_casadi.model.ends import End, Simulation, ToolGains, Wall
 from avc_casadi.model.gains import NO_COUPLING, Gains, GainSchedule, missing_rest_gains
@@ -127,7 +128,8 @@ def law_certified(
     console: Console,
 ) -> Answer:
     """Return the answer of `certify` of a law of one's own: to another end K, B and the device's local damper."""
-    cli.refuse(args, "cutoff_hz", "ki", "virtual_mass", "velocity", "notch", why=cli.OF_WALLS)
+    of_walls = ("cutoff_hz", "ki", "virtual_mass", "velocity", "notch", "friction_compensation", "lean_on_friction")
+    cli.refuse(args, *of_walls, why=cli.OF_WALLS)
     own_law = SpringDamper(
         stiffness_n_per_m=law.get("k", 0.0),
         damping_ns_per_m=law.get("b", 0.0),
@@ -151,7 +153,8 @@ def _law_certified_at_wall(
     console: Console,
 ) -> Answer:
     with console.step("your own law"):
-        return rows.judge.own_law(avc.certify_law(problem, **law), args.problem)
+        judged_law = avc.certify_law(problem, **law, lean_on_friction=args.lean_on_friction)
+        return rows.judge.own_law(judged_law, args.problem)
 
 
 @law_certified.register
@@ -162,7 +165,8 @@ def _law_certified_of_joint(
     args: argparse.Namespace,
     console: Console,
 ) -> Answer:
-    cli.refuse(args, "b_p", "cutoff_hz", "ki", "virtual_mass", "notch", why=_OF_DEVICES)
+    of_devices = ("b_p", "cutoff_hz", "ki", "virtual_mass", "notch", "friction_compensation", "lean_on_friction")
+    cli.refuse(args, *of_devices, why=_OF_DEVICES)
     velocity = problem.law is not None and "velocity" in problem.law.model_fields_set
     with console.step("kp and kd of the joint"):
         result = certify_joint(problem, law.get("k"), law.get("b"), difference=velocity)
@@ -209,7 +213,7 @@ def _pair_certified(problem: avc.Problem, gains: ToolGains, file: str, console: 
 @singledispatch
 def simulated(end: End, subject: GivenCoupling, args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG001
     """Return the answer of `simulate`: of an end that no scene has, the scene of the device with its wall."""
-    problem, notes = as_device(subject.problem), subject.notes
+    problem, notes = require_device(subject.problem), subject.notes
     given: Coupling | GainSchedule | Gains | None = subject.coupling
     if given is None and problem.law is not None:
         cli.refuse(args, "against", why="compares couplings, and P has a table [law], which runs in their place")

@@ -14,6 +14,7 @@ from avc_casadi.present.row import Answer
 _COUPLING_HANDS = 10_000
 """Hands that try a coupling where no other number is given."""
 _CUTOFF = "set the cutoff of a first-order velocity filter in Hz (default: no filter)"
+_COMPENSATION = 'push along the motion, such as "0.2N" or "0.2N, 0.02m/s" for the speed of all of it (default: none)'
 _PROVE = "try to prove that the device comes to rest without friction (claim L7)"
 _VELOCITY = 'estimate v by "difference" (default), "window 5", "low-pass 80 Hz", "kalman 40 Hz" or "ticks 20 ms"'
 
@@ -31,6 +32,8 @@ _VELOCITY = 'estimate v by "difference" (default), "window 5", "low-pass 80 Hz",
     cli.argument("--virtual-mass", type=float, metavar="M", text="set the virtual mass in kg or kg.m2 (default: 0)"),
     cli.argument("--velocity", metavar="HOW", text=_VELOCITY),
     cli.argument("--notch", metavar="F", text='set a notch filter of the command, such as "150 Hz" (default: none)'),
+    cli.argument("--friction-compensation", metavar="F", text=_COMPENSATION),
+    cli.flag("--lean-on-friction", "accept your gains if dry friction brings a slow tap (0.1 m/s) to rest"),
     cli.VERBOSE,
 )
 def run_certify(args: argparse.Namespace, console: Console) -> Answer:
@@ -52,13 +55,16 @@ def run_certify(args: argparse.Namespace, console: Console) -> Answer:
         return admittance.certified(args, console)
 
     law = {key: getattr(args, key) for key in ("k", "b", "b_p", "cutoff_hz") if getattr(args, key) is not None}
-    pieces = law_pieces(args)
-    if law or pieces or states_law(args.problem, args.gains):
+    typed = ("ki", "virtual_mass", "velocity", "notch", "friction_compensation")
+    of_pieces = any(getattr(args, key) is not None for key in typed)
+    if law or of_pieces or states_law(args.problem, args.gains):
         cli.refuse(args, "prove", "proof_out", "gains", why="does not apply to your own gains; leave it out")
         problem = law_problem(args.problem)
+        pieces = law_pieces(args, problem.units, problem.device.metres_per_unit)
         if pieces:
             problem = with_pieces(problem, pieces, law)
         return ends.law_certified(problem.end, problem, law, args, console)
+    cli.refuse(args, "lean_on_friction", why="applies to your own gains, or to avc recommend; leave it out")
     problem, coupling, notes = cli.subject(args.problem, args.gains)
     if coupling is None:
         allowed = f"a file of gains (avc recommend {quote(args.problem)} --out c.json), or your gains: --k K --b B"

@@ -7,6 +7,7 @@ import re
 from typing import Any
 
 import avc_casadi as avc
+from avc_casadi._util.units import Units
 from avc_casadi.files.problem_file import is_device
 from avc_casadi.model.control_law import VELOCITIES
 from avc_casadi.model.joint import Joint
@@ -16,12 +17,18 @@ from avc_casadi.model.table import shown
 _TYPED = {"k": "stiffness_n_per_m", "b": "damping_ns_per_m", "b_p": "local_damping_ns_per_m"}
 
 
-def law_pieces(args: argparse.Namespace) -> dict[str, Any]:
+FULL_SPEED_M_PER_S = 0.02
+"""Speed at the handle from which a typed friction compensation pushes with all of its force, unless one is typed."""
+
+
+def law_pieces(args: argparse.Namespace, units: Units, metres_per_unit: float) -> dict[str, Any]:
     """Return the keys of a table [law] that options other than k, b, b_p and cutoff state."""
     gains = {"integral_n_per_m_s": args.ki, "virtual_mass_kg": args.virtual_mass}
     keys: dict[str, Any] = {key: value for key, value in gains.items() if value is not None}
     if args.velocity is not None:
         keys["velocity"] = _velocity(args.velocity)
+    if args.friction_compensation is not None:
+        keys["friction_compensation"] = _compensation(args.friction_compensation, units, metres_per_unit)
     if args.notch is not None:
         keys["filters"] = ({"kind": "notch", "frequency_hz": hertz(args.notch, "notch")},)
     return keys
@@ -39,6 +46,15 @@ def with_pieces(problem: avc.Problem, pieces: dict[str, Any], law: dict[str, flo
     """Return a problem with pieces in its law; a law that it has not is one of what is typed alone."""
     typed = {key: law[name] for name, key in _TYPED.items() if name in law} if problem.law is None else {}
     return problem.changed(law={**typed, **pieces})
+
+
+def _compensation(typed: str, units: Units, metres_per_unit: float) -> dict[str, float]:
+    """Return the table of a friction compensation, of a force and, after a comma, the speed of all of it."""
+    force, _, speed = typed.partition(",")
+    force_n = _typed(force.strip(), units.unit("N"), "friction_compensation")
+    if not speed:
+        return {"force_n": force_n, "velocity_m_per_s": FULL_SPEED_M_PER_S / metres_per_unit}
+    return {"force_n": force_n, "velocity_m_per_s": _typed(speed.strip(), units.unit("m/s"), "friction_compensation")}
 
 
 def _velocity(typed: str) -> Any:

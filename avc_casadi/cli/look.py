@@ -82,11 +82,11 @@ def run_explore(args: argparse.Namespace, console: Console) -> Answer:
     import threading
     import webbrowser
 
-    from avc_casadi.files.problem_file import as_device
+    from avc_casadi.files.problem_file import require_device
     from avc_casadi.present.explore.explorer import Explorer
     from avc_casadi.present.explore.server import ExploreServer, warm
 
-    problem = as_device(args.problem)
+    problem = require_device(args.problem)
     explorer = Explorer(problem, args.problem, package_versions())
     try:
         server = ExploreServer(explorer, args.port)

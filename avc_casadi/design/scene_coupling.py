@@ -10,7 +10,7 @@ from typing import Any
 from avc_casadi._util.json_values import plain
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.methods import solve
-from avc_casadi.files.problem_file import AnyProblem, accepts_problem, as_device
+from avc_casadi.files.problem_file import AnyProblem, accepts_problem, require_device
 from avc_casadi.model.declared import left_out, scene_effects, with_law_alone
 from avc_casadi.model.effects import GuardEffect
 from avc_casadi.model.ends import ToolGains
@@ -100,7 +100,7 @@ def simulate(
         >>> f"{run.force_n[-1]:.1f} N at {1e3 * run.position_m[-1]:.2f} mm"
         '4.4 N at 1.15 mm'
     """
-    stated = as_device(problem)
+    stated = require_device(problem)
     stated = law_scene(stated) if gains is None else stated
     chosen = scene_coupling(stated) if gains is None else gains
     request: dict[str, Any] = {"gains": chosen, "hand": hand, "seed": seed}
@@ -244,6 +244,6 @@ def screen(problem: AnyProblem, gains: AnyGains | None = None, *, tolerance: flo
         >>> avc.screen("scenes/free-motion", tolerance=0.05).redundant
         ()
     """
-    stated = as_device(problem)
+    stated = require_device(problem)
     chosen = scene_coupling(stated) if gains is None else gains
     return screen_with(stated, chosen, tolerance=tolerance)

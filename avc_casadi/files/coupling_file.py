@@ -22,7 +22,7 @@ from avc_casadi._util.units import LINEAR, ROTARY
 from avc_casadi.coupling import Coupling, require_coupling, schedule_of, thinned
 from avc_casadi.files.border import in_keys_of
 from avc_casadi.files.catalogue import require_source
-from avc_casadi.files.problem_file import AnyProblem, as_device, problem_document
+from avc_casadi.files.problem_file import AnyProblem, problem_document, require_device
 from avc_casadi.model import quantity as q
 from avc_casadi.model import table as t
 from avc_casadi.model.ends import End, ToolGains, Wall
@@ -333,7 +333,7 @@ def read_coupling(path: str | Path, problem: AnyProblem | None = None) -> Coupli
             "Give the problem that it was made for: --problem P, or read_coupling(path, problem)"
         )
         raise InputError.of(message, file=file)
-    stated = as_device(problem)
+    stated = require_device(problem)
     if isinstance(content, GainTable):
         return coupling_beside(stated, content, file)
     if same_problem(stated, content.problem):

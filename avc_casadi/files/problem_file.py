@@ -99,7 +99,7 @@ def load_any(problem: AnyProblem) -> Problem:
     raise refused(result, "problem")
 
 
-def as_device(problem: AnyProblem) -> Problem:
+def require_device(problem: AnyProblem) -> Problem:
     """Return a problem as by `load_any`.
 
     Raises:
@@ -126,7 +126,7 @@ def accepts_problem(function: F) -> F:
 
     @wraps(function)
     def of_any(problem: AnyProblem, *args: Any, **options: Any) -> Any:
-        loaded = as_device(problem)
+        loaded = require_device(problem)
         with in_keys_of(loaded.units):
             return function(loaded, *args, **options)
 
@@ -134,8 +134,8 @@ def accepts_problem(function: F) -> F:
 
 
 def require_wall(problem: AnyProblem) -> Problem:
-    """Return a problem as by `as_device`, with a wall rendered by the device's own loop."""
-    loaded = as_device(problem)
+    """Return a problem as by `require_device`, with a wall rendered by the device's own loop."""
+    loaded = require_device(problem)
     wall, end = loaded.wall, loaded.end
     if not (isinstance(end, Wall) or wall.stiffness_n_per_m or wall.damping_ns_per_m):
         fact = f"{loaded.name or 'it'} couples to a [{end.kind}], not a wall"

@@ -60,7 +60,10 @@ class Margins:
 
 @dataclass(frozen=True, eq=False)
 class OpenLoop:
-    """The loop of a coupling, broken at the actuator, with h hands: the corners of the set, then none."""
+    """The loop of a coupling, broken at the actuator, with h hands: the corners of the set, then none.
+
+    The law is that of all loops, or has one leading axis: that of each.
+    """
 
     law: Law
     body: Body
@@ -101,9 +104,10 @@ class OpenLoop:
         pencil = z[..., None, None] * np.eye(body.size) - body.a[:, None]
         push = np.broadcast_to(body.b[:, None], (*angles.shape, body.size))
         states = np.linalg.solve(pencil, push.astype(np.complex128)[..., None])[..., 0]
-        command = self.law.transfer(z) * (states @ body.output_row)
+        law = self.law.pick((loops, None)) if self.law.shape else self.law
+        command = law.transfer(z) * (states @ body.output_row)
         if body.force_row is not None:
-            command = command + self.law.transfer(z, 1) * (states * body.force_row[:, None]).sum(axis=-1)
+            command = command + law.transfer(z, 1) * (states * body.force_row[:, None]).sum(axis=-1)
         return np.asarray(-command)
 
     def turns(self) -> FloatArray:
@@ -172,7 +176,10 @@ class OpenLoop:
 
     def swings(self) -> FloatArray:
         """Return the largest |(1 - L)/(1 + L)| of each loop on angles dense at its own poles, shape (h,)."""
-        about = _about(self.poles[..., None]).reshape(len(self.poles), -1)
+        # Of a pair of conjugate poles one has the angles of both.
+        upper = np.argsort(-self.poles.imag, axis=1)[:, : int((self.poles.imag >= 0).sum(axis=1).max())]
+        poles = np.take_along_axis(self.poles, upper, axis=1)
+        about = _about(poles[..., None]).reshape(len(poles), -1)
         even = np.geomspace(10 * _LOWEST_TURN, math.pi, _EVEN_TURNS_OF_A_LOOP)
         even = np.broadcast_to(even, (len(about), len(even)))
         angles = np.concatenate([even, np.clip(about, _LOWEST_TURN, math.pi)], axis=1)

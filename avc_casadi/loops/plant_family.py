@@ -16,7 +16,7 @@ import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray
 from avc_casadi.loops.search import Box, Ranges, worst_point
-from avc_casadi.model.corners import LINEAR_KEYS, device_corners, device_ranges, devices_with
+from avc_casadi.model.corners import LINEAR_KEYS, device_corners, device_ranges, device_with, devices_with
 from avc_casadi.model.device import Device
 from avc_casadi.model.hands import Hand, hand_corners, hand_ranges, hand_set, with_released
 from avc_casadi.model.plant import SampledPlant, sampled_plant
@@ -166,7 +166,7 @@ class PlantFamily:
 
         def of_places(places: FloatArray) -> ComplexArray:
             values = box.values(places)
-            return measure(held_plant(self.device, values)[1], values)
+            return measure(_plants_at(self.device, values), values)
 
         place, value = worst_point(of_places, len(box.sides))
         values = box.values(place)
@@ -191,12 +191,23 @@ def hand_at(values: Mapping[str, FloatArray], place: int) -> dict[str, float]:
 
 def held_plant(device: Device, values: Mapping[str, FloatArray]) -> tuple[list[Device], SampledPlant]:
     """Return m devices of the declared ranges, each in its own hand, from values as of `Box.values`."""
-    hands = [values[key] for key in _HAND]
     ranges = device_ranges(device, LINEAR_KEYS)
     if not ranges:
-        return [device] * len(hands[0]), sampled_plant(device, Hand(*hands))
-    devices = devices_with(device, {key: values[key] for key in ranges})
-    return devices, sampled_plant(devices, [Hand(*row) for row in np.array(hands).T.tolist()])
+        return [device] * len(values[_HAND[0]]), _plants_at(device, values)
+    return devices_with(device, {key: values[key] for key in ranges}), _plants_at(device, values)
+
+
+def _plants_at(device: Device, values: Mapping[str, FloatArray]) -> SampledPlant:
+    """Return the plants of `held_plant`: at once, as one device whose values are arrays over the hands.
+
+    Unlike delays arrive in unlike parts of a sample: those are devices apart.
+    """
+    hands = [values[key] for key in _HAND]
+    changed = {key: values[key] for key in device_ranges(device, LINEAR_KEYS)}
+    if "delay_samples" in changed:
+        devices = devices_with(device, changed)
+        return sampled_plant(devices, [Hand(*row) for row in np.array(hands).T.tolist()])
+    return sampled_plant(device_with(device, changed) if changed else device, Hand(*hands))
 
 
 def plants_of(devices: Sequence[Device], hands: Hand) -> SampledPlant:

@@ -234,12 +234,16 @@ _GAINS = (
 
 @dataclass(frozen=True)
 class LawNumber:
-    """A number of a law: where it stands, its value, and between which values it may lie."""
+    """A number of a law: where it stands, its value, and between which values it may lie.
+
+    `linear`: every matrix of the law is affine in it.
+    """
 
     path: NumberPath
     value: float
     lowest: float = 0.0
     highest: float = math.inf
+    linear: bool = False
 
     @property
     def key(self) -> str:
@@ -425,7 +429,12 @@ class ControlLaw(t.Table):
     def numbers(self, sample_time_s: float) -> list[LawNumber]:
         """Return its numbers that are not 0, gains first; coefficients of a transfer function are none."""
         signed = ("local_damping_ns_per_m", "virtual_mass_kg")
-        gains = [LawNumber((key,), getattr(self, key), -math.inf if key in signed else 0.0) for key in _GAINS]
+        gains = [
+            LawNumber((key,), getattr(self, key), -math.inf if key in signed else 0.0, linear=True) for key in _GAINS
+        ]
+        if self.friction_compensation is not None:
+            force_n = self.friction_compensation.force_n
+            gains.append(LawNumber(("friction_compensation", "force_n"), force_n, linear=True))
         inner: list[LawNumber] = []
         tables = [(("velocity",), self.velocity), *((("filters", at), item) for at, item in enumerate(self.filters))]
         for path, table in tables:

@@ -54,8 +54,11 @@ def device_ranges(device: Device, keys: Collection[str] | None = None) -> dict[s
     return intervals
 
 
-def device_with(device: Device, values: Mapping[str, float]) -> Device:
-    """Return a device without ranges, with other values of some keys; a delay that none may have is 0."""
+def device_with(device: Device, values: Mapping[str, float] | Mapping[str, FloatArray]) -> Device:
+    """Return a device without ranges, with other values of some keys; a delay that none may have is 0.
+
+    All but the delay may be arrays over hands, of which a plant is made.
+    """
     changed: dict[str, Any] = {"range": DeviceRange(), **{key: values[key] for key in values if "." not in key}}
     of_resonance = {key.removeprefix("resonance."): values[key] for key in values if "." in key}
     if of_resonance:

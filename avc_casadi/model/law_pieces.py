@@ -11,13 +11,15 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from functools import reduce
+from functools import lru_cache, reduce
 
 import numpy as np
 
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi.model.law import FRICTION_COMPENSATION, SPRING_DEAD_ZONE, Law
 
+_KEPT = 256
+"""Compiled laws that are kept."""
 _BUTTERWORTH = complex(-1.0, 1.0) / math.sqrt(2)
 """A pole of the second-order low pass of maximally flat magnitude, of which 1 rad/s is the -3 dB frequency."""
 
@@ -291,15 +293,23 @@ Force = Spring | Damper | Integral | VirtualMass | FrictionCompensation
 Filter = LowPass | Notch | Lead | Transfer
 
 
+@lru_cache(maxsize=_KEPT)
 def compiled(forces: tuple[Force, ...], filters: tuple[Filter, ...], sample_time_s: float) -> Law:
     """Return the sum of some forces, then the filters of the command in their order; no force at all is 0.
 
-    Forces of one estimate of the velocity share its states.
+    Searches change one piece of many laws: what stands before it is compiled once.
     """
+    if not filters:
+        return _summed(forces, sample_time_s)
+    return compiled(forces, filters[:-1], sample_time_s).then(filters[-1].law(sample_time_s))
+
+
+@lru_cache(maxsize=_KEPT)
+def _summed(forces: tuple[Force, ...], sample_time_s: float) -> Law:
+    """Return the sum of some forces; those of one estimate of the velocity share its states."""
     laws = [force.law(sample_time_s) for force in forces if not isinstance(force, OfVelocity)]
     moving = [force for force in forces if isinstance(force, OfVelocity)]
     for velocity in dict.fromkeys(force.velocity for force in moving):
         of_growth = [force.of_growth(sample_time_s) for force in moving if force.velocity == velocity]
         laws.append(velocity.growth(sample_time_s).then(reduce(Law.__add__, of_growth)))
-    command = reduce(Law.__add__, laws or [Law.gain(0.0, sample_time_s)])
-    return reduce(Law.then, (item.law(sample_time_s) for item in filters), command)
+    return reduce(Law.__add__, laws or [Law.gain(0.0, sample_time_s)])

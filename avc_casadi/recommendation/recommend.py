@@ -10,7 +10,7 @@ from typing import Any, Protocol, TypeVar
 from avc_casadi._util.parallel import Crew
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.coupling import Coupling
-from avc_casadi.files.problem_file import AnyProblem, accepts_problem, as_device
+from avc_casadi.files.problem_file import AnyProblem, accepts_problem, require_device
 from avc_casadi.model.ends import End, Follower, Simulation, Wall
 from avc_casadi.model.gains import GainSchedule
 from avc_casadi.model.problem import Problem
@@ -99,7 +99,7 @@ def recommend(  # noqa: PLR0913 - options by name, of a public call
         >>> found.deployable
         True
     """
-    stated = as_device(problem)
+    stated = require_device(problem)
     asked = Request(
         hands, seed, stiffest, lean_on_friction, prove, with_trade_off, versions or {}, workers, progress, executor
     )

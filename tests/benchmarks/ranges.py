@@ -23,7 +23,7 @@ sys.path[:0] = [str(Path(__file__).parents[1] / "oracle")]
 
 from loops_by_expm import growth  # noqa: E402 - an oracle of the tests
 
-from avc_casadi.claims.own_law import LawAnalysis, SpringDamper  # noqa: E402
+from avc_casadi.claims.law_analysis import LawAnalysis, SpringDamper  # noqa: E402
 from avc_casadi.design.virtual_tool import CouplingSearch, Scale  # noqa: E402
 from avc_casadi.loops.engine import ToolLoops  # noqa: E402
 from avc_casadi.loops.follower import FollowerLoops  # noqa: E402

@@ -15,7 +15,8 @@ from avc_casadi._errors import InputError, UnsupportedError
 from avc_casadi._util.text import quantity
 from avc_casadi.claims.certify import certify
 from avc_casadi.claims.deployable import deployable
-from avc_casadi.claims.own_law import certify_law, first_law
+from avc_casadi.claims.law_analysis import first_law
+from avc_casadi.claims.own_law import certify_law
 from avc_casadi.claims.zwidth import zwidth
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.methods import solve

@@ -15,8 +15,9 @@ from avc_casadi._util.text import percent
 from avc_casadi._util.units import Quantity, Units
 from avc_casadi.claims.deployable import CertifiedCoupling, Deployable, DeployClaim
 from avc_casadi.claims.engine_port import EnginePort, PortPassivity
+from avc_casadi.claims.law_analysis import CaseResult, LawRemedy, SpringDamper
 from avc_casadi.claims.levels import LevelResult
-from avc_casadi.claims.own_law import CaseResult, LawCertificate, LawRemedy, SpringDamper
+from avc_casadi.claims.own_law import LawCertificate
 from avc_casadi.claims.zwidth import Curve, CurveKey, ZWidth
 from avc_casadi.design.scene_coupling import SimulatedPair, SimulatedScene
 from avc_casadi.design.tool_region import ToolCurve, ToolRegion
@@ -189,7 +190,7 @@ def _law(values: Mapping[str, float]) -> tuple[Part, ...]:
 
 def _law_rows(result: LawCertificate) -> list[Row]:
     sound = result.disk_margin >= SOUND_DISK and result.quiet
-    mark = Mark.FAIL if not result.passed else grade(sound, Mark.CAUTION)
+    mark = Mark.FAIL if not result.passed else grade(sound and not result.leans, Mark.CAUTION)
     rows = [
         row("Deployable", f"{'yes' if result.passed else 'no'}: {result.reason}", mark=mark),
         *_law_loops(result),
@@ -201,6 +202,7 @@ def _law_rows(result: LawCertificate) -> list[Row]:
         margin = (alone, "disk margin", Value(disk, "number", 2))
         rows.append(row("Outside the wall", margin, mark=_mark_of_disk(disk)))
     rows += _law_limits(result)
+    rows += pieces.friction(result)
     problem = result.problem
     if not isinstance(problem.end, Wall):
         other_end = "[simulation] or [follower]: this law acts in the device's own loop, every"
@@ -225,10 +227,11 @@ def _law_loops(result: LawCertificate) -> list[Row]:
     if result.released is not None:
         cases["released"] = result.released
     disk = min(case.margins.disk for case in cases.values())
+    margin_mark = Mark.CAUTION if result.leans else _mark_of_disk(disk)
     settling_s, slowest = max((case.settling_s, who) for who, case in cases.items())
     ratio, hz, swinging = min((case.damping_ratio, case.damping_ratio_hz, who) for who, case in cases.items())
     return [
-        subject.margins({who: case.margins for who, case in cases.items()}, _mark_of_disk(disk)),
+        subject.margins({who: case.margins for who, case in cases.items()}, margin_mark),
         subject.settling(None if math.isinf(settling_s) else settling_s, slowest),
         subject.damping_ratio(ratio, hz, swinging, result.problem.device.sample_time_s),
     ]
@@ -239,13 +242,15 @@ def _law_limits(result: LawCertificate) -> list[Row]:
     at_rest = (Value(result.static_stiffness_n_per_m, "stiffness"), "at rest")
     moving = [(Value(stiffness, "stiffness"), f"at {hz:g} Hz") for hz, stiffness in result.rendered_n_per_m.items()]
     largest, allowed = result.largest_stiffness_n_per_m, result.damping_range_ns_per_m
-    noise = (Value(result.noise_n, "force"), "rms at rest;", Value(result.encoder_step_n, "force"))
+    felt = "felt" if not result.quiet else "not felt"
+    verdict = (f", {felt} (limit", Value(result.quiet_n, "force"), ")") if result.noise_n else None
+    noise = (Value(result.noise_n, "force"), "rms at rest", verdict, ";", Value(result.encoder_step_n, "force"))
     limits = [
         row("Largest k", Value(largest, "stiffness") if largest else "none", "at this b"),
         row("Stable b", "none" if allowed is None else span(allowed, "damping"), "at this k"),
     ]
     if result.intervals is not None:
-        limits = pieces.limits(result.intervals, result.largest_common_gain or 0.0)
+        limits = [*pieces.limits(result.intervals, result.largest_common_gain or 0.0), *pieces.limited(result)]
     return [
         row("Rendered", commas([at_rest, *moving])),
         *limits,

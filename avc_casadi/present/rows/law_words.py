@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from avc_casadi._util.text import quantity
 from avc_casadi._util.units import Units
+from avc_casadi.claims.law_analysis import SpringDamper
 from avc_casadi.claims.law_limits import LimitSide
-from avc_casadi.claims.own_law import LawCertificate, SpringDamper
+from avc_casadi.claims.own_law import LawCertificate
 from avc_casadi.loops.margins import LEAST_DISK, SOUND_DISK
 from avc_casadi.loops.plant_family import PlantFamily
+from avc_casadi.model.control_law import ControlLaw
 from avc_casadi.model.quantity import plain
 
 _NAMES = {
@@ -20,6 +22,8 @@ _NAMES = {
 
 def law_clauses(certificate: LawCertificate, units: Units) -> tuple[str, ...]:
     """Return what decides on a law."""
+    if certificate.leans:
+        return ("comes to rest by dry friction alone",)
     if certificate.stable:
         return (_doubts(certificate),)
     plain_law = isinstance(certificate.law, SpringDamper)
@@ -61,6 +65,8 @@ def _cause(certificate: LawCertificate, units: Units) -> str:
     """Return which number of an unstable law of several pieces is beyond which limit."""
     device, beyond = certificate.problem.device, certificate.beyond
     late = f"with {plain(device.delay_samples)} samples of delay at {1 / device.sample_time_s:g} Hz"
+    if isinstance(certificate.law, ControlLaw) and certificate.law.friction_compensation is not None:
+        late += ", without friction"
     if beyond.side is LimitSide.NONE_STABLE:
         return f"no change of a single number holds it {late}"
     side = "below its lowest" if beyond.side is LimitSide.BELOW else "above its largest"

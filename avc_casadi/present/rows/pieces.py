@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 
+from avc_casadi.claims.friction import FrictionCredit, least_friction_n
+from avc_casadi.claims.own_law import LawCertificate
 from avc_casadi.claims.stated_law import StatedSystem
 from avc_casadi.model.control_law import (
     ControlLaw,
@@ -13,7 +15,7 @@ from avc_casadi.model.control_law import (
     TicksVelocity,
     WindowVelocity,
 )
-from avc_casadi.present.row import Part, Parts, Row, Value, commas, quantity_of, row
+from avc_casadi.present.row import Mark, Part, Parts, Row, Value, caution, commas, grade, parts, quantity_of, row
 
 _GAINS = {
     "stiffness_n_per_m": "k",
@@ -21,6 +23,7 @@ _GAINS = {
     "local_damping_ns_per_m": "b_p",
     "integral_n_per_m_s": "ki",
     "virtual_mass_kg": "virtual mass",
+    "friction_compensation.force_n": "compensation",
 }
 """Names of the gains of a law in an answer."""
 
@@ -36,7 +39,7 @@ def named(law: ControlLaw | StatedSystem) -> tuple[Part, ...]:
 
 def _pieces(law: ControlLaw) -> Iterator[Parts]:
     for key, name in _GAINS.items():
-        value = getattr(law, key)
+        value = getattr(law, key, 0.0)
         if value:
             yield name, Value.of(key, value)
     if isinstance(law.velocity, WindowVelocity):
@@ -87,6 +90,40 @@ def limits(intervals: Mapping[str, Interval | None], largest_gain: float) -> lis
     rows = [row(f"Stable {_GAINS.get(key, key)}", _stretch(key, ends)) for key, ends in intervals.items()]
     factor = ("all forces times", Value(largest_gain, "number")) if largest_gain else "none is stable"
     return [*rows, row("Largest gain", factor)]
+
+
+def limited(result: LawCertificate) -> list[Row]:
+    """Return a warning where a law that a force limit cuts is not stable with what is left."""
+    limit_n = result.problem.device.max_force_n
+    if limit_n is None or not result.smallest_common_gain:
+        return []
+    left = ("of", Value(limit_n, "force"), "may leave less than", Value(result.smallest_common_gain, "share"))
+    return [row("Force limit", left, "of the command: unstable then", mark=Mark.CAUTION)]
+
+
+def friction(result: LawCertificate) -> list[Row]:
+    """Return what a friction compensation is to the least friction, and up to which swing friction is credited."""
+    rows = []
+    law, credit, device = result.law, result.friction, result.problem.device
+    if isinstance(law, ControlLaw) and law.friction_compensation is not None:
+        force_n, least_n = law.friction_compensation.force_n, least_friction_n(device)
+        how = "above" if force_n > least_n else "up to"
+        told = ("pushes with", Value(force_n, "force"), f", {how} the least friction,", Value(least_n, "force"))
+        rows.append(row("Compensation", told, mark=caution(force_n > least_n)))
+    if credit is not None:
+        rows.append(row("By friction", _credit(credit), mark=grade(credit.suffices(device), Mark.FAIL)))
+    return rows
+
+
+def _credit(credit: FrictionCredit) -> tuple[Part, ...]:
+    """Return up to which swing friction brings a law to rest."""
+    of = ("(friction", Value(credit.friction_n, "force"), ")")
+    if math.isinf(credit.swing_m):
+        return parts("every swing comes to rest", of)
+    if not credit.swing_m:
+        return parts("no swing comes to rest", of)
+    swing = ("swings up to", Value(credit.swing_m, "length"), "at", Value(credit.frequency_hz, "frequency"))
+    return parts(swing, ", impacts up to", Value(credit.speed_m_per_s, "speed"), "come to rest", of)
 
 
 def _stretch(key: str, ends: Interval | None) -> tuple[Part, ...]:
