@@ -378,7 +378,11 @@ class Follower(Device, End):
         for key in ("delay_s", "return_delay_s"):
             delay = getattr(self, key)
             if delay is not None and delay[1] > longest * (1 + _ROUNDING):
-                message = f"is {t.shown(delay)}; allowed: at most {MOST_LINK_SAMPLES} samples, {q.plain(longest)} s"
+                # A coupling that stays stable over so long a link moves slowly beside it: a slower loop loses nothing.
+                enough_s = delay[1] / MOST_LINK_SAMPLES
+                allowed = f"allowed: at most {MOST_LINK_SAMPLES} samples, {q.plain(longest)} s"
+                advice = f"each sample under way is a state of the loop; state sample_time_s = {enough_s:.3g} or more"
+                message = f"is {t.shown(delay)}; {allowed}: {advice} of both devices, at which the link is judged"
                 yield (key,), message
 
     def at_leader(self) -> Device:
