@@ -21,6 +21,7 @@ from avc_casadi.claims.impedance import stiffness_at_handle
 from avc_casadi.claims.law_analysis import CaseResult, LawAnalysis, LawRemedy, SpringDamper, remedies_of
 from avc_casadi.claims.law_limits import BeyondLimit, LawLimits, LimitSide, NumberLaws, nearest_limit
 from avc_casadi.claims.law_points import corner_points, radius, worst
+from avc_casadi.claims.stable_interval import Interval
 from avc_casadi.claims.stated_law import (
     AnyLaw,
     StatedSystem,
@@ -173,6 +174,7 @@ def certify_law(  # noqa: PLR0913 - options by name, of a public call
     cutoff_hz: float | None = None,
     law: Any = None,
     remedies: bool = True,
+    limits: bool = True,
     lean_on_friction: bool = False,
 ) -> LawCertificate:
     """Judge your own law, force = -(k x + (b + b_p) v) or the table `[law]` of the problem, on a device.
@@ -186,6 +188,8 @@ def certify_law(  # noqa: PLR0913 - options by name, of a public call
         b_p: damper that acts outside the wall too.
         cutoff_hz: of a first-order filter of the velocity; None: no filter.
         remedies: look for what would help too, of a plain law: k, b, b_p and the filter.
+        limits: the stable interval of each number too; without them the verdict on a law of many numbers takes a few
+            tenths of a second.
         lean_on_friction: credit the declared dry friction: a law that grows without it passes where an impact of
             0.1 m/s at the handle comes to rest.
         law: in place of the table `[law]` of the problem: its keys as a dict, or a discrete system C(z) with attributes
@@ -204,7 +208,8 @@ def certify_law(  # noqa: PLR0913 - options by name, of a public call
     if is_system(law):
         if any(gain is not None for gain in (k, b, b_p, cutoff_hz)):
             raise InputError.of("is a discrete system, which has no k, b, b_p or cutoff_hz; leave them out", key="law")
-        return _certify_pieces(StatedSystem.of(law, stated.device), stated, one_sided=False, lean=lean_on_friction)
+        system, how = StatedSystem.of(law, stated.device), _How(limits=limits, lean=lean_on_friction)
+        return _certify_pieces(system, stated, how, one_sided=False)
     if law is None and stated.law is None and not (b_p or 0.0) < 0:
         plain_law = SpringDamper(k or 0.0, b or 0.0, b_p or 0.0, cutoff_hz)
         return _certify_spring_damper(plain_law, stated, remedies=remedies, lean=lean_on_friction)
@@ -217,7 +222,15 @@ def certify_law(  # noqa: PLR0913 - options by name, of a public call
     if own.is_spring_damper:
         plain_law = _spring_damper(own, one_sided=one_sided)
         return _certify_spring_damper(plain_law, stated, remedies=remedies, lean=lean_on_friction)
-    return _certify_pieces(own, stated, one_sided=one_sided, lean=lean_on_friction)
+    return _certify_pieces(own, stated, _How(limits=limits, lean=lean_on_friction), one_sided=one_sided)
+
+
+@dataclass(frozen=True)
+class _How:
+    """What is computed beyond the verdict: limits of each number, and the swing up to which friction is credited."""
+
+    limits: bool
+    lean: bool
 
 
 def _spring_damper(law: ControlLaw, *, one_sided: bool) -> SpringDamper:
@@ -227,7 +240,7 @@ def _spring_damper(law: ControlLaw, *, one_sided: bool) -> SpringDamper:
     return SpringDamper(law.stiffness_n_per_m, b, b_p, getattr(law.velocity, "cutoff_hz", None))
 
 
-def _certify_pieces(own: ControlLaw | StatedSystem, problem: Problem, *, one_sided: bool, lean: bool) -> LawCertificate:
+def _certify_pieces(own: ControlLaw | StatedSystem, problem: Problem, how: _How, *, one_sided: bool) -> LawCertificate:
     """Judge any law in contact and outside: the interval of each of its numbers by the worst case of the ranges."""
     _require_known_delay(problem)
     slower = own.rate_divider if isinstance(own, ControlLaw) else 1
@@ -239,19 +252,22 @@ def _certify_pieces(own: ControlLaw | StatedSystem, problem: Problem, *, one_sid
     outside = one_sided and isinstance(own, ControlLaw) and own.acts_outside
     acting = acting_laws(own, period, outside=outside)
     limits = LawLimits(analysis.family, acting.all)
-    intervals = {
-        number.key: limits.interval(
-            number, NumberLaws(own, number, lambda table: acting_laws(table, period, outside=outside).all)
-        )
-        for number in own.numbers(period)
-        if isinstance(own, ControlLaw)
-    }
+    intervals: dict[str, Interval | None] = {}
+    common: Interval | None = None
+    if how.limits:
+        intervals = {
+            number.key: limits.interval(
+                number, NumberLaws(own, number, lambda table: acting_laws(table, period, outside=outside).all)
+            )
+            for number in own.numbers(period)
+            if isinstance(own, ControlLaw)
+        }
+        common = limits.interval(_COMMON_GAIN, lambda gains: [law.times(gains) for law in acting.all])
     cases = [
         _worst_of([analysis.case(StatedSystem(law), side) for law in acting.in_contact], slower)
         for side in analysis.sides
     ]
     free = [analysis.case(StatedSystem(law), side) for side in analysis.sides for law in acting.outside]
-    common = limits.interval(_COMMON_GAIN, lambda gains: [law.times(gains) for law in acting.all])
     linear = acting.in_contact[0].linear
     static = static_gain(linear)
     return LawCertificate(
@@ -269,10 +285,10 @@ def _certify_pieces(own: ControlLaw | StatedSystem, problem: Problem, *, one_sid
         noise_n=noise_n(own, device),
         quiet_n=analysis.quiet_n,
         remedies=None,
-        intervals=intervals,
-        largest_common_gain=(common or (0.0, 0.0))[1],
+        intervals=intervals if how.limits else None,
+        largest_common_gain=(common or (0.0, 0.0))[1] if how.limits else None,
         smallest_common_gain=common[0] if common and common[0] > _COMMON_GAIN.lowest else 0.0,
-        friction=_credited(analysis, acting.all, own) if lean else None,
+        friction=_credited(analysis, acting.all, own) if how.lean else None,
     )
 
 

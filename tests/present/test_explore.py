@@ -120,14 +120,13 @@ def test_the_rows_of_a_stated_law_follow_its_sliders_and_are_saved():
     gains = {"law.filters.0.frequency_hz": 120.0, "law.stiffness_n_per_m": 500.0}
     law = LAW | {"stiffness_n_per_m": 500.0, "filters": [{"kind": "notch", "frequency_hz": 120.0}]}
     changed = STATED.changed(law=None).changed(law=law)
-    found = ask_law("evaluate", gains, extent="rows")
-    expected = own_law(avc.certify_law(changed, remedies=False)).rows
-    assert rows_of(found) == {one.label: one.text(BASE.units) for one in expected if one.rank == 0}
-    assert [chart["id"] for chart in ask_law("evaluate", gains, extent="whole")["charts"]] == [
-        "law",
-        "position",
-        "force",
-    ]
+    # The verdict follows at once; limits of each number come with the simulated touch.
+    whole = ask_law("evaluate", gains, extent="whole")
+    for found, limits in ((ask_law("evaluate", gains, extent="rows"), False), (whole, True)):
+        expected = own_law(avc.certify_law(changed, remedies=False, limits=limits)).rows
+        assert rows_of(found) == {one.label: one.text(BASE.units) for one in expected if one.rank == 0}
+        assert ("Stable k" in rows_of(found)) == limits
+    assert [chart["id"] for chart in whole["charts"]] == ["law", "position", "force"]
     saved = avc.parse_problem(ask_law("file", gains, kind="problem")["text"])
     assert saved.law == changed.law
     beyond = ask_law("evaluate", {"law.filters.0.frequency_hz": 900.0})

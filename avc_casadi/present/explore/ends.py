@@ -262,18 +262,18 @@ def _law_answer(
     charts = [_force_over_position(law, problem)]
     if extent is Extent.PICTURES:
         return PageAnswer(gains, charts)
-    stated = settings.key("gains")
-    own = explorer.cached(f"law {stated}", lambda: _law_judged(problem))
+    stated, limits = settings.key("gains"), extent is Extent.WHOLE
+    own = explorer.cached(f"law {limits} {stated}", lambda: _law_judged(problem, limits=limits))
     if extent is Extent.WHOLE:
         run = explorer.cached(f"touch {stated} {settings.motion}", lambda: simulate(problem))
         charts += touches({"own": run}, problem, "wall at 0" if problem.law_in_wall else "about 0", {"own": "your law"})
     return PageAnswer(gains, charts, own)
 
 
-def _law_judged(problem: Problem) -> Judged:
-    """Return the verdict on a table [law] with its rows; of what is not judged, why."""
+def _law_judged(problem: Problem, *, limits: bool) -> Judged:
+    """Return the verdict on a table [law] with its rows, on request with limits; of what is not judged, why."""
     try:
-        certificate = certify_law(problem, remedies=False)
+        certificate = certify_law(problem, remedies=False, limits=limits)
     except UnsupportedError as error:
         return Judged(Verdict(Mark.CAUTION, "not judged"), [row("Not judged", str(error), mark=Mark.CAUTION)])
     return Judged(of_law(certificate), [shown for shown in own_law(certificate).rows if shown.rank == 0])
