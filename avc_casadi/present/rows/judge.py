@@ -228,10 +228,12 @@ def _law_loops(result: LawCertificate) -> list[Row]:
         cases["released"] = result.released
     disk = min(case.margins.disk for case in cases.values())
     margin_mark = Mark.CAUTION if result.leans else _mark_of_disk(disk)
-    settling_s, slowest = max((case.settling_s, who) for who, case in cases.items())
-    ratio, hz, swinging = min((case.damping_ratio, case.damping_ratio_hz, who) for who, case in cases.items())
+    settling_s, slowest = max((case.settling_s, which_loop) for which_loop, case in cases.items())
+    ratio, hz, swinging = min(
+        (case.damping_ratio, case.damping_ratio_hz, which_loop) for which_loop, case in cases.items()
+    )
     return [
-        subject.margins({who: case.margins for who, case in cases.items()}, margin_mark),
+        subject.margins({which_loop: case.margins for which_loop, case in cases.items()}, margin_mark),
         subject.settling(None if math.isinf(settling_s) else settling_s, slowest),
         subject.damping_ratio(ratio, hz, swinging, result.problem.device.sample_time_s),
     ]
@@ -320,19 +322,19 @@ def pair_certificate(result: CertifiedPair) -> Answer:
 
 
 @singledispatch
-def passivity(end: End, found: PortPassivity | None) -> list[Row]:  # noqa: ARG001
+def passivity(end: End, port_passivity: PortPassivity | None) -> list[Row]:  # noqa: ARG001
     """Return whether the port of an end is passive; of most none is known."""
     return []
 
 
 @passivity.register
-def _engine_passivity(tool: Simulation, found: PortPassivity | None) -> list[Row]:
+def _engine_passivity(tool: Simulation, port_passivity: PortPassivity | None) -> list[Row]:
     """Return whether the engine's port is passive, and the engines to which that applies."""
-    if found is None or tool.tool_mass_kg is None:  # where the tool is fixed the engine is no port
+    if port_passivity is None or tool.tool_mass_kg is None:  # where the tool is fixed the engine is no port
         return []
-    port = found.port
+    port = port_passivity.port
     if port is None:
-        return [row("Engine's port", f"not judged: {found.refused}", mark=Mark.CAUTION)]
+        return [row("Engine's port", f"not judged: {port_passivity.refused}", mark=Mark.CAUTION)]
     text = _port_margin(port)
     if port.any_hand is not None:
         text = (*text, f"; {'with' if port.any_hand else 'not with'} any passive hand (Llewellyn)")
@@ -422,7 +424,7 @@ def scene(result: SimulatedScene, problem: Problem, shown: str = "") -> Answer:
         *_rate_hardness(run),
         *_at_the_end(run),
         *([] if result.without_guard is None else [_compared("No guard", result.without_guard)]),
-        *(_compared(f"With {other.coupling}", other) for other in result.against),
+        *(_compared(f"With {alternative.coupling}", alternative) for alternative in result.against),
         *subject.notes(result.notes),
         *([] if run.coupling == "law" else subject.law_not_used(problem)),
     ]

@@ -56,11 +56,11 @@ def _wall_line(end: Wall) -> tuple[Part, ...]:
 
 @end_line.register
 def _tool_line(tool: Simulation) -> tuple[Part, ...]:
-    what = ("fixed place",) if tool.tool_mass_kg is None else ("tool", *span(tool.tool_mass_kg, "mass"))
+    tool_mass = ("fixed place",) if tool.tool_mass_kg is None else ("tool", *span(tool.tool_mass_kg, "mass"))
     late = (",", Value(tool.steps_late, "steps"), "late") if tool.steps_late else ()
     held = f", a force for {tool.substeps} substeps" if tool.substeps > 1 else ""
     rates = span([1 / step for step in tool.step_s], "frequency")
-    return parts(what, "at", rates, f", {tool.integrator}, {tool.exchange}", late, held)
+    return parts(tool_mass, "at", rates, f", {tool.integrator}, {tool.exchange}", late, held)
 
 
 @end_line.register
@@ -91,7 +91,7 @@ def answer(
 ) -> Answer:
     """Return the answer to a question about a problem; {} in a command to type next is the problem."""
     shown = shown or name_of(problem)
-    commands = tuple(f"avc {one.replace('{}', quote(shown))}" for one in onwards)
+    commands = tuple(f"avc {onward.replace('{}', quote(shown))}" for onward in onwards)
     return Answer(kind, data, headline(problem, shown), tuple(rows), commands, problem.units, complaint=complaint)
 
 
@@ -144,8 +144,8 @@ def _local_dampers(end: Follower) -> str:  # noqa: ARG001
 def pair_of(gains: ToolGains, local: str = "damper in the device's loop") -> tuple[Part, ...]:
     """Return spring and dampers of a coupling to another end."""
     damper = ("damper B", Value(gains.damping_ns_per_m, "damping")) if gains.damping_ns_per_m else None
-    own = (local, Value(gains.local_damping_ns_per_m, "damping")) if gains.local_damping_ns_per_m else None
-    return commas([("spring K", Value(gains.stiffness_n_per_m, "stiffness")), damper, own])
+    local_damper = (local, Value(gains.local_damping_ns_per_m, "damping")) if gains.local_damping_ns_per_m else None
+    return commas([("spring K", Value(gains.stiffness_n_per_m, "stiffness")), damper, local_damper])
 
 
 def hand(values: Mapping[str, float]) -> tuple[Part, ...]:
@@ -193,9 +193,9 @@ def deployable(verdict: Deployable | None) -> Row:
     return row("Deployable", text, mark=Mark.CAUTION if doubt else Mark.PASS)
 
 
-def counts(found: Mapping[str, int]) -> str:
+def counts(numbers: Mapping[str, int]) -> str:
     """Return counts as "187 solved, 13 infeasible", without zeros."""
-    return ", ".join(f"{number} {name}" for name, number in found.items() if number) or "none"
+    return ", ".join(f"{number} {name}" for name, number in numbers.items() if number) or "none"
 
 
 def plural(number: int, thing: str) -> str:
@@ -240,9 +240,9 @@ def law_not_used(problem: Problem, why: str = _USES_LAW) -> list[Row]:
     return [] if problem.law is None else [row("Not used", f"law: {why}", mark=Mark.CAUTION)]
 
 
-def notes(found: Iterable[str], label: str = "Note", mark: Mark = Mark.CAUTION, rank: int = 0) -> list[Row]:
+def notes(sentences: Iterable[str], label: str = "Note", mark: Mark = Mark.CAUTION, rank: int = 0) -> list[Row]:
     """Return a row for each sentence."""
-    return [row(label, one, mark=mark, rank=rank) for one in found]
+    return [row(label, sentence, mark=mark, rank=rank) for sentence in sentences]
 
 
 _THIN_GAIN = 10 ** (3 / 20)
@@ -253,10 +253,10 @@ _THIN_PHASE_DEG = 10.0
 
 def margins(of_loops: Mapping[words.Who, Margins], mark: Mark = Mark.NONE) -> Row:
     """Return the smallest margin of each kind and its loop; a caution where gain or phase is half of what is usual."""
-    gain = _least({who: loop.gain for who, loop in of_loops.items()})
-    phase = _least({who: loop.phase_deg for who, loop in of_loops.items()})
-    delay = _least({who: loop.delay_samples for who, loop in of_loops.items()})
-    disk = _least({who: loop.disk for who, loop in of_loops.items()})
+    gain = _least({which_loop: loop.gain for which_loop, loop in of_loops.items()})
+    phase = _least({which_loop: loop.phase_deg for which_loop, loop in of_loops.items()})
+    delay = _least({which_loop: loop.delay_samples for which_loop, loop in of_loops.items()})
+    disk = _least({which_loop: loop.disk for which_loop, loop in of_loops.items()})
     is_thin = _below(gain, _THIN_GAIN) or _below(phase, _THIN_PHASE_DEG)
     named = [
         ("gain", Value(gain.value, "gain"), gain.loop),
@@ -279,7 +279,7 @@ class _Least:
 
 
 def _least(margins_of: Mapping[words.Who, float]) -> _Least:
-    known = [(margin, words.LOOPS[who]) for who, margin in margins_of.items() if math.isfinite(margin)]
+    known = [(margin, words.LOOPS[which_loop]) for which_loop, margin in margins_of.items() if math.isfinite(margin)]
     return _Least(*min(known, default=(None, "")))
 
 
@@ -287,19 +287,19 @@ def _below(least: _Least, limit: float) -> bool:
     return least.value is not None and least.value < limit
 
 
-def settling(seconds: float | None, who: words.Who) -> Row:
+def settling(seconds: float | None, which_loop: words.Who) -> Row:
     """Return the settling time of a loop; None where it never settles."""
     text = "never" if seconds is None else Value(seconds, "time")
-    return row("Settling time", text, f"({words.LOOPS[who]})", mark=caution(seconds is None or seconds > 1.0))
+    return row("Settling time", text, f"({words.LOOPS[which_loop]})", mark=caution(seconds is None or seconds > 1.0))
 
 
 DAMPING_RATIO = "Damping ratio"
 """Label of the row, by which a verdict finds it."""
 
 
-def damping_ratio(ratio: float, hz: float, who: words.Who, sample_time_s: float) -> Row:
+def damping_ratio(ratio: float, hz: float, which_loop: words.Who, sample_time_s: float) -> Row:
     """Return the damping ratio of the least damped oscillation of a loop."""
     text: tuple[Part, ...] = ("no oscillation below the Nyquist frequency",)
     if 0 < hz < 0.99 * 0.5 / sample_time_s:
         text = (Value(ratio, "number", 2), "at", Value(hz, "frequency"))
-    return row(DAMPING_RATIO, text, f"({words.LOOPS[who]})")
+    return row(DAMPING_RATIO, text, f"({words.LOOPS[which_loop]})")
