@@ -1,6 +1,7 @@
 """Exported admittance laws: the law sample by sample, a device and a hand around them, and sensors that fail."""
 
 import ctypes
+import functools
 import math
 import tempfile
 from pathlib import Path
@@ -19,19 +20,23 @@ REAL = {"single": ctypes.c_float, "double": ctypes.c_double}
 WARNINGS = ("-std=c99", "-O2", "-Wall", "-Wextra", "-Wconversion", "-pedantic", "-Werror", "-fPIC", "-shared")
 
 
+@functools.cache
+def compiled(problem, precision, compiler):
+    """The library of a law, judged and compiled once for all tests of a worker."""
+    require(compiler)
+    folder = Path(tempfile.mkdtemp(dir=scratch()))
+    for name, text in admittance_files(problem, precision=precision).items():
+        (folder / name).write_text(text, encoding="ascii")
+    target = folder / "law.so"
+    run(compiler, *WARNINGS, str(folder / "avc_coupling.c"), "-o", str(target))
+    return ctypes.CDLL(str(target))
+
+
 class Exported:
     """The compiled step of a law."""
 
-    def __init__(self, problem, precision="double", compiler="gcc", **options):
-        require(compiler)
-        self.files = admittance_files(problem, precision=precision, **options)
-        folder = Path(tempfile.mkdtemp(dir=scratch()))
-        for name, text in self.files.items():
-            (folder / name).write_text(text, encoding="ascii")
-        target = folder / "law.so"
-        source = folder / "avc_coupling.c"
-        run(compiler, *WARNINGS, str(source), "-o", str(target))
-        library, real = ctypes.CDLL(str(target)), REAL[precision]
+    def __init__(self, problem, precision="double", compiler="gcc"):
+        library, real = compiled(problem, precision, compiler), REAL[precision]
         self._step = library.avc_coupling_step
         self._step.argtypes, self._step.restype = [ctypes.c_void_p, real, real], real
         self._start = library.avc_coupling_start
