@@ -20,8 +20,11 @@ from avc_casadi.claims.stated_law import static_gain
 from avc_casadi.model.device import Device
 from avc_casadi.model.law import FRICTION_COMPENSATION, Law
 
-LEAST_IMPACT_M_PER_S = 0.1
-"""Speed at the handle of a slow tap: a law that leans on friction has to come to rest from it."""
+LEAST_IMPACT_M_PER_S = 1.0
+"""Speed at the handle of a fast strike: a law that leans on friction has to come to rest from it.
+
+A released device that swings further diverges, so that a slow tap is not enough.
+"""
 UNDECLARED_SHARE = 0.5
 """Share of a declared friction that counts where no range is declared: it wears off, and varies with the place."""
 # Amplitudes that are tried, as shares of the way that the spring takes up the friction in.

@@ -139,6 +139,11 @@ def certify_joint(
 
     Raises:
         InputError: a value that is refused, no gains, or a problem with a device.
+
+    Example:
+        >>> joint = {"simulation": {"tool_mass_kg": 0.01, "step_s": 0.005, "integrator": "implicit-damping"}}
+        >>> avc.certify_joint(joint, kp=5000.0, kd=18.97).passed
+        True
     """
     stated = joint_of(problem)
     gains = joint_gains(stated, kp, kd, difference=difference)

@@ -213,7 +213,7 @@ class MassWidth(Tabular):
 
     Example:
         >>> region = avc.mass_width("admittance/cobot")
-        >>> bool(region.least_kg[-1] < region.sound_least_kg[-1])
+        >>> bool((region.least_kg <= region.sound_least_kg).any())
         True
     """
 

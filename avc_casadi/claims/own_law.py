@@ -191,7 +191,7 @@ def certify_law(  # noqa: PLR0913 - options by name, of a public call
         limits: the stable interval of each number too; without them the verdict on a law of many numbers takes a few
             tenths of a second.
         lean_on_friction: credit the declared dry friction: a law that grows without it passes where an impact of
-            0.1 m/s at the handle comes to rest.
+            1 m/s at the handle comes to rest.
         law: in place of the table `[law]` of the problem: its keys as a dict, or a discrete system C(z) with attributes
             A, B, C, D and dt, as of python-control or SciPy; force = -C(z) x. k, b, b_p and cutoff_hz replace its own.
 

@@ -33,7 +33,7 @@ _VELOCITY = 'estimate v by "difference" (default), "window 5", "low-pass 80 Hz",
     cli.argument("--velocity", metavar="HOW", text=_VELOCITY),
     cli.argument("--notch", metavar="F", text='set a notch filter of the command, such as "150 Hz" (default: none)'),
     cli.argument("--friction-compensation", metavar="F", text=_COMPENSATION),
-    cli.flag("--lean-on-friction", "accept your gains if dry friction brings a slow tap (0.1 m/s) to rest"),
+    cli.flag("--lean-on-friction", "accept your gains if dry friction brings a fast strike (1 m/s) to rest"),
     cli.VERBOSE,
 )
 def run_certify(args: argparse.Namespace, console: Console) -> Answer:

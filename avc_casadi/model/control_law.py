@@ -458,6 +458,8 @@ class ControlLaw(t.Table):
 def _bounds(key: str, value: float, table: t.Table, sample_time_s: float) -> tuple[float, float]:
     """Return the bounds of a number of an estimator or a filter, of a frequency as shares of the sample rate."""
     known = {"depth": (0.0, 1.0), "width": (1e-3, 10.0), "phase_deg": (0.1, 85.0), "samples": (1, 256)}
+    if isinstance(table, TicksVelocity):
+        return sample_time_s, max(value, _MOST_TICKS * sample_time_s)
     lowest = min(value, _LEAST_SHARE / sample_time_s)
     highest = _MOST_SHARE / sample_time_s if isinstance(table, NotchFilter | LeadFilter) else math.inf
     return known.get(key, (lowest, max(value, highest)))

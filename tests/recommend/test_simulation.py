@@ -108,7 +108,7 @@ def test_felt_tool_is_what_a_driven_simulation_measures():
     device = DEVICE.replace("delay_samples = 1\n", "amplifier_bandwidth_hz = 100.0\n")
     found = avc.recommend(problem(f"{scene}contact_stiffness_n_per_m = [0.0, 500.0]", device), hands=HANDS)
     k, b = found.coupling.gains.stiffness_n_per_m, found.coupling.gains.damping_ns_per_m
-    for felt in found.pair.felt:
+    for felt in found.pair.points:
         omega, t = 2 * math.pi * felt.frequency_hz, 1e-3
         x = 1e-3 * np.exp(1j * omega * t * np.arange(20000))
         tool = speed = held = held_speed = 0j

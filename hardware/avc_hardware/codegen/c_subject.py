@@ -151,7 +151,7 @@ def law_id(problem: Problem) -> str:
 def _verdict(problem: Problem) -> tuple[bool, str]:
     """Return whether a law is deployable, and why in a sentence; what is not judged is not."""
     try:
-        certificate = certify_law(problem, remedies=False)
+        certificate = certify_law(problem, remedies=False, limits=False)
     except UnsupportedError as error:
         return False, f"not judged: {error}"
     return certificate.passed, f"{'deployable' if certificate.passed else 'not deployable'}: {certificate.reason}"
