@@ -130,8 +130,6 @@ def test_the_swing_that_friction_brings_to_rest_is_that_of_a_simulation(damping)
     stated = free({"stiffness_n_per_m": 500.0}, **device)
     found = avc.certify_law(stated, lean_on_friction=True)
     assert not found.stable
-    assert found.passed
-    assert found.leans
     swing_m = found.friction.swing_m
     assert simulated(found.problem, 0.92 * swing_m, 3.0, friction_n=0.04) < 0.7
     assert simulated(found.problem, 1.08 * swing_m, 6.0, friction_n=0.04) > 1.0
