@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from shlex import quote
@@ -21,6 +21,8 @@ from avc_casadi.present import rows
 from avc_casadi.present.row import Answer, Mark, Row
 
 if TYPE_CHECKING:
+    from avc_casadi._util.units import MotionKind
+    from avc_casadi.files.draft import Draft
     from avc_casadi.files.new_options import Option
     from avc_casadi.files.new_problem import NewProblem
     from avc_casadi.present.rows.deploy import PushOutcome
@@ -33,18 +35,21 @@ _MINE = "add your own constant gains: stiffness in N/m and damping in N.s/m, suc
 
 def _value_options() -> Iterator[cli.Argument]:
     """Yield the options of values; the help lists those of a linear and of a rotary device in one entry."""
-    for option in EVERY:
+    first = {option.option: option for option in reversed(EVERY)}
+    for option in (option for option in EVERY if first[option.option] is option):
         text = f"{option.text}: {', '.join(dict.fromkeys(option.examples))}{option.shown_default}"
         yield cli.argument(option.option, metavar="V", text=text)
         if option.option_turning:
             yield cli.argument(option.option_turning, metavar="V", text=argparse.SUPPRESS)
 
 
+_DRIVE = "state what the device is commanded: force (default), or velocity of a drive with a force sensor"
 _HELD = f"choose the grip: {', '.join(HOLDS)} (default: grip)"
 
 
 @cli.verb(
     cli.output("file", "problem file to write (.toml)", ".toml"),
+    cli.argument("--drive", choices=("force", "velocity"), default="force", metavar="WHAT", text=_DRIVE),
     cli.argument("--like", metavar="D", text="begin with a built-in device (avc list) or a device file"),
     cli.argument("--held", choices=tuple(HOLDS), default="grip", metavar="HOW", text=_HELD),
     *_value_options(),
@@ -58,7 +63,6 @@ def run_new(args: argparse.Namespace, console: Console) -> Answer:
 
     A value V has a unit, such as '55 um', '1 kHz' or '4096 counts'; without one it is in SI units.
     """
-    from avc_casadi.files.new_problem import NewProblem
     from avc_casadi.files.plausibility import plausibility
 
     if args.file.exists() and not args.force:
@@ -66,17 +70,9 @@ def run_new(args: argparse.Namespace, console: Console) -> Answer:
         raise avc.InputError.of(message, key="FILE")
     if args.joint is not None:
         return _new_joint(args, console)
-    values = {(option, name): vars(args)[name[2:].replace("-", "_")] for option in EVERY for name in option.names}
-    typed = {key: value for key, value in values.items() if value is not None}
-    turned = any(option is RADIUS or name == option.option_turning for option, name in typed)
-    by_key = {option.key: value for (option, _), value in typed.items()}
-    new = NewProblem(args.file, args.like or "", "rotary" if turned else "linear", args.held, by_key)
-    if args.model is not None or args.tip is not None:
-        new = _at_tip(new, args.model, args.tip)
-    faults = _option_faults(new, list(typed)) or new.faults()
-    if faults:
-        names = _names_of(new)
-        raise avc.InputError([replace(fault, key=names.get(fault.key, fault.key)) for fault in faults])
+    if args.drive == "velocity":
+        return _new_admittance(args, console)
+    new = _force_draft(args)
     console.write(args.file, new.text())
     problem = new.problem()
     warnings = [rows.look.Doubt(fault.key, fault.message) for fault in plausibility(problem)]
@@ -91,6 +87,54 @@ def run_new(args: argparse.Namespace, console: Console) -> Answer:
         model=None if new.tip is None else rows.design.ModelledMass(args.model, args.tip, new.tip),
     )
     return rows.design.new(result, str(args.file))
+
+
+def _force_draft(args: argparse.Namespace) -> NewProblem:
+    """Return the draft of a device that is commanded a force; all faults of its options are refused at once."""
+    from avc_casadi.files.new_problem import NewProblem
+
+    typed = _typed(args)
+    by_key = {option.key: value for (option, _), value in typed.items()}
+    new = NewProblem(args.file, _motion(typed), args.held, by_key, like=args.like or "")
+    if args.model is not None or args.tip is not None:
+        new = _at_tip(new, args.model, args.tip)
+    _refuse_faults(new, typed)
+    return new
+
+
+def _new_admittance(args: argparse.Namespace, console: Console) -> Answer:
+    """Write the file of an admittance device."""
+    from avc_casadi.files.new_admittance import NewAdmittance
+
+    why = "is of devices that are commanded a force; leave it out, or leave out --drive velocity"
+    cli.refuse(args, "like", "model", "tip", why=why)
+    typed = _typed(args)
+    by_key = {option.key: value for (option, _), value in typed.items()}
+    new = NewAdmittance(args.file, _motion(typed), args.held, by_key)
+    _refuse_faults(new, typed)
+    console.write(args.file, new.text())
+    return rows.admittance.drafted(new, str(args.file))
+
+
+def _typed(args: argparse.Namespace) -> dict[tuple[Option, str], str]:
+    """Return the values that were typed, by option and name; a name is that of the drive, if it has one."""
+    ordered = sorted(EVERY, key=lambda option: option.drive == args.drive)
+    options = {name: option for option in ordered for name in option.names}
+    values = {(option, name): vars(args)[name[2:].replace("-", "_")] for name, option in options.items()}
+    return {key: value for key, value in values.items() if value is not None}
+
+
+def _motion(typed: Iterable[tuple[Option, str]]) -> MotionKind:
+    """Return how a device moves of which some options were typed."""
+    turned = any(option is RADIUS or name == option.option_turning for option, name in typed)
+    return "rotary" if turned else "linear"
+
+
+def _refuse_faults(new: Draft, typed: Iterable[tuple[Option, str]]) -> None:
+    faults = _option_faults(new, typed) or new.faults()
+    if faults:
+        names = _names_of(new)
+        raise avc.InputError([replace(fault, key=names.get(fault.key, fault.key)) for fault in faults])
 
 
 def _new_joint(args: argparse.Namespace, console: Console) -> Answer:
@@ -108,12 +152,12 @@ def _new_joint(args: argparse.Namespace, console: Console) -> Answer:
     return rows.joint.drafted(joint, joint.problem(args.file), str(args.file))
 
 
-def _names_of(new: NewProblem) -> dict[str, str]:
+def _names_of(new: Draft) -> dict[str, str]:
     """Return the option of each value, for the motion of the device."""
     return {option.key: option.names[0 if new.units.linear else 1] for option in EVERY}
 
 
-def _option_faults(new: NewProblem, typed: Sequence[tuple[Option, str]]) -> list[avc.Fault]:
+def _option_faults(new: Draft, typed: Iterable[tuple[Option, str]]) -> list[avc.Fault]:
     """Return the faults of options that do not go with the motion of the device, its --like, or what holds it."""
     names = _names_of(new)
     kind, motion = ("linear", 0) if new.units.linear else ("rotary", 1)
@@ -123,6 +167,9 @@ def _option_faults(new: NewProblem, typed: Sequence[tuple[Option, str]]) -> list
             message = f"does not apply to a {kind} device; use {names[option.key]}, such as {option.examples[motion]}"
             faults.append(avc.Fault("", None, name, message))
     reasons = {RADIUS.key: "is known from the device of --like; leave it out"}
+    of_force = "is of a device that is commanded a force; leave it out with --drive velocity"
+    of_drive = {"force": of_force, "velocity": "applies with --drive velocity only; leave it out"}
+    reasons |= {option.key: of_drive[option.drive] for option in EVERY if option.drive}
     reasons |= {option.key: "applies with --held foot or --held other only; leave it out" for option in HANDS}
     known = {option.key for option in new.options()}
     faults += [avc.Fault("", None, names[key], reasons[key]) for key in new.typed if key not in known]

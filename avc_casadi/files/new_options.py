@@ -9,9 +9,13 @@ from pathlib import Path
 
 @dataclass(frozen=True)
 class Option:
-    """One value of a problem file: its options, examples of it, its default, and what not knowing it costs."""
+    """One value of a problem file: its options, examples of it, its default, and what not knowing it costs.
+
+    `drive` is the drive of the devices that have it: "force", "velocity", or empty where all do.
+    """
 
     key: str
+    drive: str
     option: str
     option_turning: str
     text: str
@@ -24,6 +28,11 @@ class Option:
     def key_in_table(self) -> str:
         """Its key without that of its table."""
         return self.key.partition(".")[2]
+
+    @property
+    def table(self) -> str:
+        """Its table."""
+        return self.key.rpartition(".")[0]
 
     @property
     def names(self) -> tuple[str, str]:
@@ -51,7 +60,26 @@ RATE = _BY_KEY["device.sample_time_s"]
 DELAY = _BY_KEY["device.delay_samples"]
 WALL_DAMPING = _BY_KEY["environment.damping_ns_per_m"]
 HANDS = tuple(option for option in EVERY if option.key.startswith("hands."))
-OPTIONS = tuple(option for option in EVERY if option is not RADIUS and option not in HANDS)
+CONTACT = _BY_KEY["contact.stiffness_n_per_m"]
+CONTACT_DAMPING = _BY_KEY["contact.damping_ns_per_m"]
+FORCE_OPTIONS = tuple(
+    option for option in EVERY if option.drive != "velocity" and option is not RADIUS and option not in HANDS
+)
+"""Of a device that is commanded a force."""
+VELOCITY_OPTIONS = tuple(
+    option for option in EVERY if option.drive != "force" and option is not RADIUS and option not in HANDS
+)
+"""Of an admittance device."""
+NEEDED_OF_VELOCITY = (
+    _BY_KEY["device.drive_bandwidth_hz"],
+    _BY_KEY["device.force_sensor.stiffness_n_per_m"],
+    _BY_KEY["device.force_sensor.handle_mass_kg"],
+)
+"""Values without which there is no admittance device."""
+SPANS = (*HANDS, CONTACT, CONTACT_DAMPING)
+"""Values that may be a range."""
+DAMPERS = (DAMPING, CONTACT_DAMPING)
+"""Values that are written as 0 where they are not known."""
 
 HOLDS = {
     "grip": "a hand, assumed: 0.05 to 0.3 kg, 3 to 20 N.s/m, 200 to 800 N/m at the handle, as without [hands]",

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 import avc_casadi
 import avc_casadi as avc
 from avc_casadi.cli import main
+from avc_casadi.files.new_admittance import NewAdmittance
 from avc_casadi.files.new_problem import NewProblem
 
 # What people write for a quantity, and how much it is of the unit of the file.
@@ -262,3 +263,81 @@ def test_a_joint_of_a_model_is_a_known_hinge_or_slide(tmp_path, capsys):
     assert "--mass: is of a device, and --joint is moved by an engine" in capsys.readouterr().err
     assert main([*arguments[:2], "--joint", "elbow"]) == 2
     assert "--model: is missing" in capsys.readouterr().err
+
+
+SHEET = {
+    "device.drive_bandwidth_hz": {"Hz": 1, "kHz": 1e3},
+    "device.max_speed_m_per_s": {"m/s": 1, "mm/s": 1e-3},
+    "device.force_sensor.stiffness_n_per_m": {"N/m": 1, "N/um": 1e6},
+    "device.force_sensor.handle_mass_kg": {"kg": 1, "g": 1e-3},
+    "device.force_sensor.noise_rms_n": {"N": 1, "mN": 1e-3},
+    "device.force_sensor.resolution_n": {"N": 1, "mN": 1e-3},
+    "device.force_sensor.max_force_n": {"N": 1, "kN": 1e3},
+}
+
+
+@given(st.fixed_dictionaries({key: st.floats(1, 90) for key in SHEET}), st.data())
+def test_an_admittance_device_is_read_back(tmp_path_factory, values, data):
+    named = {key: data.draw(st.sampled_from(sorted(of))) for key, of in SHEET.items()}
+    typed = {key: f"{value / SHEET[key][named[key]]!r} {named[key]}" for key, value in values.items()}
+    typed |= {"contact.stiffness_n_per_m": "20 kN/m"}
+    read = NewAdmittance(tmp_path_factory.getbasetemp() / "p.toml", typed=typed).problem()
+    for key, value in values.items():
+        table = read.device.force_sensor if "force_sensor" in key else read.device
+        assert getattr(table, key.rpartition(".")[2]) == pytest.approx(value, rel=1e-13)
+    # The stiffest contact includes every softer one; a damping that is not known is 0.
+    assert read.contact.stiffness_n_per_m == (0.0, 2e4)
+    assert read.contact.damping_ns_per_m == (0.0, 0.0)
+    assert read.law is None
+
+
+ARM = ["--drive", "velocity", "--drive-bandwidth", "15 Hz", "--sensor-stiffness", "1 kN/mm", "--handle-mass", "800 g"]
+
+
+def test_the_file_of_an_admittance_device_marks_what_is_assumed(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    contact = ["--contact", "1 to 20 kN/m", "--contact-damping", "5 N.s/m"]
+    assert main(["new", "arm.toml", *ARM, "--rate", "500 Hz", "--delay", "4 ms", "--max-force", "200 N", *contact]) == 0
+    assert "avc recommend arm.toml" in capsys.readouterr().out
+    read, text = avc.load_admittance("arm.toml"), (tmp_path / "arm.toml").read_text()
+    assert read.device.delay_samples == 2
+    assert read.device.force_sensor.max_force_n == 200.0
+    assert read.contact.stiffness_n_per_m == (1e3, 2e4)
+    assert read.contact.damping_ns_per_m == (5.0, 5.0)
+    assert "0.02, assumed" in text
+    assert "# max_speed_m_per_s             # not known" in text
+    assert main(["check", "arm.toml"]) == 0
+
+
+def test_an_admittance_device_that_turns_has_its_own_options(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    turned = ["--drive", "velocity", "--radius", "150 mm", "--drive-bandwidth", "20 Hz", "--held", "fingertip"]
+    sensor = ["--sensor-stiffness", "2 kN.m/rad", "--handle-inertia", "0.01 kg.m2", "--max-torque", "20 N.m"]
+    assert main(["new", "wheel.toml", *turned, *sensor]) == 0
+    read = avc.load_admittance("wheel.toml")
+    assert read.device.force_sensor.handle_mass_kg == 0.01
+    assert read.device.force_sensor.max_force_n == 20.0
+    assert read.hands.mass_kg == pytest.approx((0.02 * 0.15**2, 0.1 * 0.15**2))
+    assert not read.contact.touches
+    assert "sample_time_s 1 kHz" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("typed", "option", "said"),
+    [
+        (["--drive", "velocity"], "--drive-bandwidth", "is missing"),
+        ([*ARM, "--wall", "3 kN/m"], "--wall", "commanded a force"),
+        ([*ARM, "--like", "falcon"], "--like", "commanded a force"),
+        ([*ARM, "--held", "stylus"], "--held", "grip, wheel, fingertip, foot or other"),
+        ([*ARM, "--contact", "soft"], "--contact", "stiffness_n_per_m"),
+        ([*ARM, "--sensor-stiffness", "0 N/m"], "--sensor-stiffness", "allowed"),
+        (["--max-speed", "1 m/s"], "--max-speed", "--drive velocity only"),
+        ([*ARM, "--handle-inertia", "1 kg.m2"], "--handle-mass", "rotary"),
+    ],
+)
+def test_options_of_the_other_drive_are_refused(tmp_path, capsys, typed, option, said):
+    assert main(["new", str(tmp_path / "p.toml"), *typed]) == 2
+    complaint = capsys.readouterr().err
+    assert option in complaint
+    assert said in complaint
+    assert not (tmp_path / "p.toml").exists()

@@ -12,6 +12,8 @@ from avc_casadi._util.units import Quantity
 from avc_casadi.claims.admittance import AdmittanceCertificate, AdmittanceRemedy, HandleCase
 from avc_casadi.claims.mass_width import MassWidth
 from avc_casadi.files.catalogue import admittance_names
+from avc_casadi.files.new_admittance import NewAdmittance
+from avc_casadi.files.new_options import CONTACT
 from avc_casadi.loops.handle import Handle
 from avc_casadi.loops.margins import LEAST_DISK, SOUND_DISK
 from avc_casadi.model.admittance import (
@@ -75,15 +77,14 @@ def law_line(law: VirtualImpedance) -> tuple[Part, ...]:
 
 def checked(problem: AdmittanceProblem, doubts: tuple[str, ...], shown: str) -> Answer:
     """Return the answer of `check` of an admittance device."""
-    law, sensor, hands = problem.law, problem.device.force_sensor, problem.hands
+    law, sensor = problem.law, problem.device.force_sensor
     handle = ("handle", Value(sensor.handle_mass_kg, "mass"), ", noise", Value(sensor.noise_rms_n, "force"), "rms")
     swing_hz = math.sqrt(sensor.stiffness_n_per_m / sensor.handle_mass_kg) / (2 * math.pi)
-    held = (span(hands.mass_kg, "mass"), span(hands.damping_ns_per_m, "damping"))
     rows = [
         row("Valid", problem.title or "yes", mark=Mark.PASS),
         row("Law", law_line(law.admittance) if law else "none: recommend proposes a virtual mass and damping"),
         row("Sensor", handle, ", swings at", Value(swing_hz, "frequency")),
-        row("Hands", commas([*held, span(hands.stiffness_n_per_m, "stiffness")]), "; released in addition"),
+        row("Hands", _hands_line(problem), "; released in addition"),
         row("Contact", _contact_line(problem.contact)),
         *subject.notes(doubts, "Warning"),
     ]
@@ -183,6 +184,32 @@ def recommendation(result: AdmittanceRecommendation, shown: str = "", written: s
         units=problem.units,
         complaint="" if result.passed else f"avc: {shown}: no law to run",
     )
+
+
+def drafted(new: NewAdmittance, shown: str) -> Answer:
+    """Return the answer of `new` of an admittance device: what is assumed, unknown and unlikely."""
+    problem, units = new.problem(), new.units
+    unknown = {units.key(option.key): option.cost for option in new.unknown()}
+    doubts = () if CONTACT.key not in new.typed else doubts_of(problem)
+    assumed = {units.key(key): value for key, value in new.assumed().items()}
+    rows = [
+        row("Hands", f"{new.held}:", _hands_line(problem)),
+        row("Contact", _contact_line(problem.contact)),
+        *([row("Assumed", ", ".join(f"{key} {value}" for key, value in assumed.items()))] if assumed else []),
+        *subject.notes((f"{key.removeprefix('device.')}: {cost}" for key, cost in unknown.items()), "Not known"),
+        *subject.notes(doubts, "Warning"),
+    ]
+    tables = problem.model_dump(mode="json", exclude_none=True)
+    data = {"file": shown, "tables": tables, "held": new.held, "assumed": assumed, "not_known": unknown}
+    title = parts(shown, device_line(problem.device))
+    command = f"avc recommend {quote(shown)} --out law.toml"
+    return Answer("new-admittance", plain({**data, "doubts": [*doubts]}), title, tuple(rows), (command,), units)
+
+
+def _hands_line(problem: AdmittanceProblem) -> tuple[Part, ...]:
+    hands = problem.hands
+    mass, damping = span(hands.mass_kg, "mass"), span(hands.damping_ns_per_m, "damping")
+    return commas([mass, damping, span(hands.stiffness_n_per_m, "stiffness")])
 
 
 def exported(problem: AdmittanceProblem, precision: str, files: tuple[str, ...], shown: str) -> Answer:
