@@ -258,3 +258,27 @@ def settled(plant, exported, push_n, seconds=20.0):
         speeds.append(max(abs(motion[1]), abs(motion[4])))
     tenth = samples // 10
     return max(speeds[-tenth:]) < 0.02 * max(speeds)
+
+
+@pytest.mark.parametrize(("name", "returns"), [("admittance/pedal", True), ("admittance/cobot", False)])
+def test_with_a_spring_the_device_returns_to_its_rest_position_as_the_header_says(name, returns):
+    problem = avc.load_admittance(name)
+    exported = Exported(problem)
+    header = " ".join(admittance_files(problem)["avc_coupling.h"].replace(" * ", " ").split())
+    assert ("returns to its rest position, position 0" in header) == returns
+    assert ("moves the rest position by 0.000125 m for each N" in header) == returns
+    period_s, start_m = problem.device.sample_time_s, 0.01
+    position_m = start_m
+    for sample in range(3000):
+        # Noise of one step, without which the sensor counts as stuck.
+        position_m += period_s * exported.step(position_m, 0.05 * (-1) ** sample)
+    assert position_m == pytest.approx(0.0 if returns else start_m, abs=1e-4)
+
+
+def test_an_offset_moves_the_rest_position_as_far_as_the_header_says():
+    problem = avc.load_admittance("admittance/pedal")
+    exported = Exported(problem)
+    position_m = 0.0
+    for sample in range(5000):
+        position_m += problem.device.sample_time_s * exported.step(position_m, 8.0 + 0.05 * (-1) ** sample)
+    assert position_m == pytest.approx(8.0 / 8000.0, rel=1e-3)

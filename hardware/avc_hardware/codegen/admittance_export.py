@@ -46,7 +46,7 @@ _HEADER = """\
  *   velocity falls to 0 within {stop:.4g} s, and stays there until two readings in a row are believed.
  * {stuck}
  * {position}
- * An offset of the sensor is no fault that is seen: it moves the device at {drift:.4g} m/s for each N.
+ * {offset}
  */
 #ifndef AVC_COUPLING_H
 #define AVC_COUPLING_H
@@ -309,7 +309,7 @@ def _header(
         stop=STOP_S,
         stuck=c_frame.comment_lines(_told_of_stuck(bounds, law, device.sample_time_s)),
         position=c_frame.comment_lines(_told_of_position(bounds, law)),
-        drift=1 / law.damping_ns_per_m if law.damping_ns_per_m else math.inf,
+        offset=c_frame.comment_lines(_told_of_offset(law)),
         id=law_id(problem),
         period_literal=precision.literal(device.sample_time_s),
         period_ns=round(device.sample_time_s * c_frame.NS_PER_S),
@@ -335,7 +335,20 @@ def _told_of_stuck(bounds: FaultBounds, law: VirtualImpedance, period_s: float) 
 def _told_of_position(bounds: FaultBounds, law: VirtualImpedance) -> str:
     if not law.stiffness_n_per_m:
         return "The position is not read: the law has no spring."
-    return f"A position is believed within {bounds.way_m:.4g} m of the last one, or the second in a row that agrees."
+    believed = (
+        f"A position is believed within {bounds.way_m:.4g} m of the last one, or the second in a row that agrees."
+    )
+    returns = "The motions above are those of the force. By its spring the device also returns to its rest position"
+    return f"{believed} {returns}, position 0, where the held force does not balance the spring."
+
+
+def _told_of_offset(law: VirtualImpedance) -> str:
+    """Return what a constant offset f does: it moves the rest position by f/K, without a spring the device at f/B."""
+    unseen = "An offset of the sensor is no fault that is seen: it moves the"
+    if law.stiffness_n_per_m:
+        return f"{unseen} rest position by {1 / law.stiffness_n_per_m:.4g} m for each N."
+    drift_m_per_s = 1 / law.damping_ns_per_m if law.damping_ns_per_m else math.inf
+    return f"{unseen} device at {drift_m_per_s:.4g} m/s for each N."
 
 
 def _source(problem: AdmittanceProblem, law: VirtualImpedance, bounds: FaultBounds, precision: Precision) -> str:
