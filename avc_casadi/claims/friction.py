@@ -54,7 +54,7 @@ class FrictionCredit:
     frequency_hz: float
 
     def suffices(self, device: Device) -> bool:
-        """Whether a slow tap comes to rest."""
+        """Whether a fast strike comes to rest."""
         return self.speed_m_per_s * device.metres_per_unit >= LEAST_IMPACT_M_PER_S
 
 
@@ -129,7 +129,8 @@ class _Swings:
         """Return the largest radius of the loops of a swing, and the angle by which it turns in a sample."""
         period_s = self.law.sample_time_s
         for _ in range(_ROUNDS):
-            speeds = swing_m * turns / period_s
+            # What creeps has no speed, however far it goes.
+            speeds = np.multiply(swing_m, turns, out=np.zeros_like(turns), where=turns > 0) / period_s
             points = [self._of_swing(point, float(speed)) for point, speed in zip(self.points, speeds, strict=True)]
             leading = around(self.law, points).closed.leading
             turning = np.abs(np.angle(leading))

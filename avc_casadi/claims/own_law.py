@@ -107,7 +107,7 @@ class LawCertificate(Printed):
 
     @property
     def leans(self) -> bool:
-        """Whether it is not stable by itself, but friction brings a slow tap to rest, which is credited."""
+        """Whether it is not stable by itself, but friction brings a fast strike to rest, which is credited."""
         return not self.stable and self.friction is not None and self.friction.suffices(self.problem.device)
 
     @property
@@ -270,6 +270,7 @@ def _certify_pieces(own: ControlLaw | StatedSystem, problem: Problem, how: _How,
     free = [analysis.case(StatedSystem(law), side) for side in analysis.sides for law in acting.outside]
     linear = acting.in_contact[0].linear
     static = static_gain(linear)
+    stable = all(case.stable for case in (*cases, *free))
     return LawCertificate(
         problem=problem,
         law=own,
@@ -288,7 +289,7 @@ def _certify_pieces(own: ControlLaw | StatedSystem, problem: Problem, how: _How,
         intervals=intervals if how.limits else None,
         largest_common_gain=(common or (0.0, 0.0))[1] if how.limits else None,
         smallest_common_gain=common[0] if common and common[0] > _COMMON_GAIN.lowest else 0.0,
-        friction=_credited(analysis, acting.all, own) if how.lean else None,
+        friction=_credited(analysis, acting.all, own) if how.lean and not stable else None,
     )
 
 
@@ -318,6 +319,7 @@ def _certify_spring_damper(law: SpringDamper, stated: Problem, *, remedies: bool
     held, *released = (analysis.case(law, side) for side in analysis.sides)
     outside = [analysis.case(law.outside, side) for side in analysis.sides if b_p]
     acting = [state_space, *([law.outside.law(device.sample_time_s)] if b_p else [])]
+    stable = all(case.stable for case in (held, *released, *outside))
     only_local = analysis.damping_range(SpringDamper(0.0, b_p)) if b_p else None
     certificate = LawCertificate(
         problem=stated,
@@ -334,7 +336,7 @@ def _certify_spring_damper(law: SpringDamper, stated: Problem, *, remedies: bool
         noise_n=noise_n(law, device),
         quiet_n=analysis.quiet_n,
         remedies=() if remedies else None,
-        friction=_credited(analysis, acting, law) if lean else None,
+        friction=_credited(analysis, acting, law) if lean and not stable else None,
     )
     if not remedies or (certificate.passed and certificate.disk_margin >= SOUND_DISK and certificate.quiet):
         return certificate

@@ -38,12 +38,14 @@ def _value_options() -> Iterator[cli.Argument]:
     first = {option.option: option for option in reversed(EVERY)}
     for option in (option for option in EVERY if first[option.option] is option):
         text = f"{option.text}: {', '.join(dict.fromkeys(option.examples))}{option.shown_default}"
-        yield cli.argument(option.option, metavar="V", text=text)
+        # The text of the first range names the other two, that of the verb those of an admittance device.
+        listed = option.drive != "velocity" and option not in HANDS[1:]
+        yield cli.argument(option.option, metavar="V", text=text if listed else argparse.SUPPRESS)
         if option.option_turning:
             yield cli.argument(option.option_turning, metavar="V", text=argparse.SUPPRESS)
 
 
-_DRIVE = "state what the device is commanded: force (default), or velocity of a drive with a force sensor"
+_DRIVE = "choose what is commanded: force or velocity (default: force)"
 _HELD = f"choose the grip: {', '.join(HOLDS)} (default: grip)"
 
 
@@ -53,15 +55,17 @@ _HELD = f"choose the grip: {', '.join(HOLDS)} (default: grip)"
     cli.argument("--like", metavar="D", text="begin with a built-in device (avc list) or a device file"),
     cli.argument("--held", choices=tuple(HOLDS), default="grip", metavar="HOW", text=_HELD),
     *_value_options(),
-    cli.argument("--model", metavar="M", text="compute the mass at --tip from an MJCF or URDF model (MuJoCo)"),
-    cli.argument("--tip", metavar="NAME", text="name the site, body or geom of --model that the hand holds"),
-    cli.argument("--joint", metavar="NAME", text="read the inertia, step, kp and kd of a joint of --model (no device)"),
+    cli.argument("--model", metavar="M", text="read the mass at --tip NAME or the --joint NAME of an MJCF or URDF"),
+    cli.argument("--tip", metavar="NAME", text=argparse.SUPPRESS),
+    cli.argument("--joint", metavar="NAME", text=argparse.SUPPRESS),
     cli.flag("--force", "overwrite an existing file"),
 )
 def run_new(args: argparse.Namespace, console: Console) -> Answer:
     """Write a problem file from what you know of your device, its wall and its user.
 
     A value V has a unit, such as '55 um', '1 kHz' or '4096 counts'; without one it is in SI units.
+    With --drive velocity: --drive-bandwidth, --max-speed, --sensor-stiffness, --handle-mass,
+    --sensor-damping-ratio, --sensor-noise, --sensor-resolution, --contact, --contact-damping.
     """
     from avc_casadi.files.plausibility import plausibility
 

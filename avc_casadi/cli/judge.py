@@ -14,9 +14,9 @@ from avc_casadi.present.row import Answer
 _COUPLING_HANDS = 10_000
 """Hands that try a coupling where no other number is given."""
 _CUTOFF = "set the cutoff of a first-order velocity filter in Hz (default: no filter)"
-_COMPENSATION = 'push along the motion, such as "0.2N" or "0.2N, 0.02m/s" for the speed of all of it (default: none)'
+_COMPENSATION = 'push along the motion by "0.2N", or "0.2N, 0.02m/s" (default: none)'
 _PROVE = "try to prove that the device comes to rest without friction (claim L7)"
-_VELOCITY = 'estimate v by "difference" (default), "window 5", "low-pass 80 Hz", "kalman 40 Hz" or "ticks 20 ms"'
+_VELOCITY = '"window 5", "low-pass 80 Hz", "kalman 40 Hz", "ticks 20 ms" (difference)'
 
 
 @cli.verb(

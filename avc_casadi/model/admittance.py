@@ -15,9 +15,10 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 import numpy as np
 from pydantic import BeforeValidator, model_validator
 
-from avc_casadi._util.units import MotionKind, Units, units_for
+from avc_casadi._util.units import Units
 from avc_casadi.model import quantity as q
 from avc_casadi.model import table as t
+from avc_casadi.model.device import HandledDevice
 from avc_casadi.model.ends import Dampings, End, IntervalOf
 from avc_casadi.model.law import Law, Values
 from avc_casadi.model.problem import Hands, defaults_at
@@ -74,7 +75,7 @@ class AdmittanceRange(t.Table):
     handle_mass_kg: q.Pair[_HandleMass] | None = None
 
 
-class AdmittanceDevice(t.Table):
+class AdmittanceDevice(HandledDevice):
     """A drive that follows a commanded velocity, whatever pushes, and the force sensor that it carries.
 
     Attributes:
@@ -87,8 +88,6 @@ class AdmittanceDevice(t.Table):
         max_speed_m_per_s: the largest velocity that is commanded; None: no limit is declared.
     """
 
-    motion: MotionKind = "linear"
-    handle_radius_m: q.Radius | None = None
     drive: Literal["velocity"]
     drive_bandwidth_hz: q.Hertz
     drive_order: Literal[1, 2] = 1
@@ -98,16 +97,6 @@ class AdmittanceDevice(t.Table):
     max_speed_m_per_s: q.Speed | None = None
     force_sensor: ForceSensor
     range: AdmittanceRange = AdmittanceRange()
-
-    @property
-    def units(self) -> Units:
-        """Names and units in which its values are printed."""
-        return units_for(self.motion)
-
-    @property
-    def metres_per_unit(self) -> float:
-        """Hand displacement for a unit of the position: 1 for a linear device, else the radius of the handle."""
-        return 1.0 if self.motion == "linear" else (self.handle_radius_m or 1.0)
 
     def value(self, key: str) -> float:
         """Return the nominal value of a key of `[device.range]`."""

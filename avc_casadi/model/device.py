@@ -51,6 +51,23 @@ class ResonanceRange(t.Table):
     mass_ratio: q.Pair[q.MassShare] | None = None
 
 
+class HandledDevice(t.Table):
+    """A device with a handle that slides or turns."""
+
+    motion: MotionKind = "linear"
+    handle_radius_m: q.Radius | None = None
+
+    @property
+    def units(self) -> Units:
+        """Names and units in which its values are printed."""
+        return units_for(self.motion)
+
+    @property
+    def metres_per_unit(self) -> float:
+        """Hand displacement for a unit of the position: 1 for a linear device, else the radius of the handle."""
+        return 1.0 if self.motion == "linear" else (self.handle_radius_m or 1.0)
+
+
 class DeviceRange(t.Table):
     """Ranges of the device's values: each value [lowest, highest] about the nominal one, or None."""
 
@@ -67,12 +84,10 @@ class DeviceRange(t.Table):
     resonance: ResonanceRange = ResonanceRange()
 
 
-class Device(t.Table):
+class Device(HandledDevice):
     """The haptic device; 0 and None mean absent."""
 
     # A rotary device has kg.m2 in masses, N.m in forces, rad in lengths.
-    motion: MotionKind = "linear"
-    handle_radius_m: q.Radius | None = None
     mass_kg: q.Mass
     damping_ns_per_m: q.Damping
     sample_time_s: q.SampleTime = 1e-3
@@ -89,16 +104,6 @@ class Device(t.Table):
     encoder_at: Literal["motor", "handle"] = "motor"
     held: Literal["grip", "stylus", "fingertip"] = "grip"
     range: DeviceRange = DeviceRange()
-
-    @property
-    def units(self) -> Units:
-        """Names and units in which its values are printed."""
-        return units_for(self.motion)
-
-    @property
-    def metres_per_unit(self) -> float:
-        """Hand displacement for a unit of the position: 1 for a linear device, else the radius of the handle."""
-        return 1.0 if self.motion == "linear" else (self.handle_radius_m or 1.0)
 
     def faults(self) -> Iterator[t.Finding]:
         """Yield a radius that is missing or means nothing, and ranges that do not hold their value."""

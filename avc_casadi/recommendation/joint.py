@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from avc_casadi._errors import InputError
 from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.printed import Printed
@@ -103,7 +104,7 @@ def recommend_joint(problem: AnyProblem, frequency_hz: float | None = None) -> J
         frequency_hz: natural frequency that the heaviest joint of the range shall have.
 
     Raises:
-        InputError: a problem with a device.
+        InputError: a problem with a device, or a frequency of half the step rate or more.
 
     Example:
         >>> joint = {"simulation": {"tool_mass_kg": 0.01, "step_s": 0.005, "integrator": "implicit-damping"}}
@@ -112,7 +113,12 @@ def recommend_joint(problem: AnyProblem, frequency_hz: float | None = None) -> J
     """
     stated = joint_of(problem)
     velocity = stated.law is not None and "velocity" in stated.law.model_fields_set
-    search = _JointSearch(JointFamily(stated.end_as(Joint).engine), difference=velocity)
+    engine = stated.end_as(Joint).engine
+    half_rate_hz = 0.5 / engine.step_s[1]
+    if frequency_hz is not None and frequency_hz >= half_rate_hz:
+        allowed = f"below {half_rate_hz:g} Hz, half the rate of simulation.step_s"
+        raise InputError.of(f"is {frequency_hz:g}; allowed: {allowed}", key="frequency_hz")
+    search = _JointSearch(JointFamily(engine), difference=velocity)
     stiffest, limited = search.stiffest()
     at_frequency = None
     if frequency_hz is not None:

@@ -86,29 +86,6 @@ def drawn(index: int) -> AdmittanceProblem:
     )
 
 
-def plain(problem: AdmittanceProblem, sums: Sums) -> PlainDevice:
-    """Return device, law and what the handle carries as the numbers of the second program."""
-    assert problem.law is not None
-    device, sensor, law = problem.device, problem.device.force_sensor, problem.law.admittance
-    return PlainDevice(
-        sample_s=device.sample_time_s,
-        drive_hz=device.drive_bandwidth_hz,
-        sensor_n_per_m=sensor.stiffness_n_per_m,
-        sensor_ratio=sensor.damping_ratio,
-        handle_kg=sensor.handle_mass_kg,
-        late_samples=device.delay_samples,
-        mass_kg=law.mass_kg,
-        damping=law.damping_ns_per_m,
-        spring_n_per_m=law.stiffness_n_per_m,
-        cutoff_hz=law.cutoff_hz,
-        order=device.drive_order,
-        drive_ratio=device.drive_damping_ratio,
-        hand_kg=sums[0],
-        hand_damping=sums[1],
-        hand_n_per_m=sums[2],
-    )
-
-
 def radius(problem: AdmittanceProblem, sums: Sums) -> float:
     """Return the spectral radius by the package."""
     assert problem.law is not None
@@ -157,7 +134,7 @@ def turns(problem: AdmittanceProblem, key: str, limit: float | None, index: int,
         )
         stable = (factor > 1) == low
         everywhere = worst_sums(changed) + (sampled_sums(changed, index) if stable else [])
-        largest = max(largest_pole(plain(changed, sums)) for sums in everywhere)
+        largest = max(largest_pole(PlainDevice.of(changed, *sums)) for sums in everywhere)
         if (largest < 1) != stable:
             return f"{factor} of {limit:.4g}: radius {largest:.8f}"
     return "ok"
@@ -170,13 +147,13 @@ def cell(index: int) -> dict[str, Any]:
     found = certify_admittance(problem, remedies=False)
     sums = worst_sums(problem)
     worst = max(sums, key=lambda carried: radius(problem, carried))
-    apart = max(abs(radius(problem, carried) - largest_pole(plain(problem, carried))) for carried in sums)
+    apart = max(abs(radius(problem, carried) - largest_pole(PlainDevice.of(problem, *carried))) for carried in sums)
     size = radius(problem, worst)
-    grown = growth(plain(problem, worst), SAMPLES)
+    grown = growth(PlainDevice.of(problem, *worst), SAMPLES)
     mass = found.mass_range_kg
     damping = found.damping_range_ns_per_m
     softer = found.stiffest_contact_n_per_m
-    missed = max(largest_pole(plain(problem, carried)) for carried in sampled_sums(problem, index))
+    missed = max(largest_pole(PlainDevice.of(problem, *carried)) for carried in sampled_sums(problem, index))
     return {
         "stable": found.stable,
         "radius": size,

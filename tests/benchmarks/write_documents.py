@@ -126,13 +126,15 @@ def kinds(field: str) -> list[type[BaseModel]]:
 def key_tables() -> str:
     """Every key of a problem file, a table for each table of the file."""
     parts = []
+    written_tables = {model for field in Problem.model_fields.values() for model in models(field.annotation)[:1]}
     for name, field in Problem.model_fields.items():
         inner = models(field.annotation)
         if not inner:
             continue
         model = inner[0]
         said = (model.__doc__ or "").partition("\n")[0].rstrip(".")
-        inherited = getattr(model.__bases__[0], "model_fields", {})  # stand in the table of that
+        base = model.__bases__[0]
+        inherited = base.model_fields if base in written_tables else {}  # stand in the table of that
         left = [row for row in rows(model, place=(f"### [{name}]", "")) if row[0][1:-1].split(".")[0] not in inherited]
         parts.append(f"### [{name}]\n\n{said.replace('|', chr(92) + '|')}.\n\n{table(_HEAD, left)}")
         if name == "device":

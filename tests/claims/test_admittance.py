@@ -30,28 +30,6 @@ def arm(law, **device):
     }
 
 
-def plain(problem, mass_kg, damping, stiffness):
-    """The same device, law and sums at the handle as plain numbers."""
-    device, sensor, law = problem.device, problem.device.force_sensor, problem.law.admittance
-    return PlainDevice(
-        sample_s=device.sample_time_s,
-        drive_hz=device.drive_bandwidth_hz,
-        sensor_n_per_m=sensor.stiffness_n_per_m,
-        sensor_ratio=sensor.damping_ratio,
-        handle_kg=sensor.handle_mass_kg,
-        late_samples=device.delay_samples,
-        mass_kg=law.mass_kg,
-        damping=law.damping_ns_per_m,
-        spring_n_per_m=law.stiffness_n_per_m,
-        cutoff_hz=law.cutoff_hz,
-        order=device.drive_order,
-        drive_ratio=device.drive_damping_ratio,
-        hand_kg=mass_kg,
-        hand_damping=damping,
-        hand_n_per_m=stiffness,
-    )
-
-
 def radius(problem, mass_kg, damping, stiffness):
     carried = Hand(np.array([mass_kg]), np.array([damping]), np.array([stiffness]))
     body = Body.of(plants_of([(problem.device, carried)])).flat()
@@ -82,16 +60,17 @@ DEVICES = (
 def test_the_loop_is_that_of_a_second_program(device, more):
     problem = avc.AdmittanceProblem.model_validate(arm({"mass_kg": 8.0, "damping_ns_per_m": 90.0, **more}, **device))
     for carried in ((0.0, 0.0, 0.0), (0.6, 8.0, 500.0), (2.0, 5.0, 2e4), (0.0, 20.0, 1e6)):
-        assert radius(problem, *carried) == pytest.approx(largest_pole(plain(problem, *carried)), abs=1e-9)
+        assert radius(problem, *carried) == pytest.approx(largest_pole(PlainDevice.of(problem, *carried)), abs=1e-9)
 
 
 @pytest.mark.parametrize("law", [(40.0, 120.0), (25.0, 400.0)])
 def test_the_growth_is_that_of_a_simulation(law):
     problem = avc.AdmittanceProblem.model_validate(arm({"mass_kg": law[0], "damping_ns_per_m": law[1]}))
     carried = (2.0, 5.0, 2e4)
-    assert radius(problem, *carried) == pytest.approx(growth(plain(problem, *carried), 12_000), abs=1e-4)
+    assert radius(problem, *carried) == pytest.approx(growth(PlainDevice.of(problem, *carried), 12_000), abs=1e-4)
 
 
+@pytest.mark.slow
 def test_a_limit_is_one_of_the_whole_range():
     """The least mass, damping and the stiffest contact are where the second program says the worst loop turns."""
     tables = arm({"mass_kg": 20.0, "damping_ns_per_m": 400.0})
@@ -114,7 +93,7 @@ def test_a_limit_is_one_of_the_whole_range():
             for b in box["damping_ns_per_m"]
             for k in springs(*box["stiffness_n_per_m"])
         ]
-        return max(largest_pole(plain(problem, *point)) for point in [*points, *corners])
+        return max(largest_pole(PlainDevice.of(problem, *point)) for point in [*points, *corners])
 
     least, _ = stated.mass_range_kg
     low, _ = stated.damping_range_ns_per_m
@@ -162,6 +141,7 @@ def test_the_gain_margin_takes_the_loop_to_its_limit():
         assert (closed(loop.body, law.times(factor * gain)).radius.max() < 1) == is_stable
 
 
+@pytest.mark.slow
 def test_a_range_of_the_device_is_searched():
     """With less delay a law may be less stable: 25 kg and 400 N.s/m hold with two samples, and not with 1.3."""
     law = {"mass_kg": 25.0, "damping_ns_per_m": 400.0}
@@ -197,6 +177,7 @@ def test_the_worst_of_a_side_splits_into_a_hand_and_a_contact():
         assert {key: hand[key] + contact[key] for key in hand} == pytest.approx(sums)
 
 
+@pytest.mark.slow
 def test_it_prints_and_writes_what_was_found():
     stated = avc.certify_admittance("admittance/cobot", remedies=False)
     text = str(stated)
@@ -225,5 +206,5 @@ def test_a_narrow_band_of_hands_is_found_where_the_sensor_swings_by_half_a_turn_
     problem = avc.AdmittanceProblem.model_validate(tables)
     law = problem.law.admittance.law(problem.device.sample_time_s)
     found = HandleFamily.of(problem).sides[0].worst_case(leading_poles(law))
-    fine = [largest_pole(plain(problem, mass, 5.3, 586.0)) for mass in np.geomspace(0.1, 1.8, 600)]
+    fine = [largest_pole(PlainDevice.of(problem, mass, 5.3, 586.0)) for mass in np.geomspace(0.1, 1.8, 600)]
     assert found.radius >= max(fine) - 2e-5

@@ -160,6 +160,7 @@ def test_time_between_steps_is_judged_as_its_longest_window_and_as_a_difference(
     assert radii["ticks"] in (radii["window"], radii["difference"])
 
 
+@pytest.mark.slow
 def test_it_is_typed(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     file = tmp_path / "wheel.toml"

@@ -8,7 +8,7 @@ import pytest
 from avc_process import AVC, ENVIRONMENT, command
 
 import avc_casadi as avc
-from avc_casadi.cli import VERBS, main
+from avc_casadi.cli import VERBS, build_parser, main
 from avc_casadi.coupling import Coupling
 
 
@@ -111,6 +111,16 @@ def test_help_of_verbs(verb):
     assert done.returncode == 0
     assert not HEAVY & set(done.stderr.decode().split())
     assert b"--json" in done.stdout
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_help_of_a_verb_fits_a_screen(verb, monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", "100")
+    with pytest.raises(SystemExit):
+        build_parser().parse_args([verb, "--help"])
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) <= 30
+    assert max(map(len, lines)) <= 100
 
 
 NOISE = """

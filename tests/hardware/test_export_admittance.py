@@ -1,6 +1,7 @@
 """Exported admittance laws: the law sample by sample, a device and a hand around them, and sensors that fail."""
 
 import ctypes
+import dataclasses
 import functools
 import math
 import tempfile
@@ -52,19 +53,9 @@ class Exported:
 
 def law_of(problem, forces, positions):
     """The law in Python, clamped, from readings that are all believed."""
-    law, device = problem.law.admittance, problem.device
-    plain = PlainDevice(
-        sample_s=device.sample_time_s,
-        drive_hz=1.0,
-        sensor_n_per_m=1.0,
-        sensor_ratio=0.0,
-        handle_kg=1.0,
-        late_samples=0,
-        mass_kg=law.mass_kg,
-        damping=law.damping_ns_per_m,
-        spring_n_per_m=law.stiffness_n_per_m,
-        cutoff_hz=law.cutoff_hz,
-    )
+    device = problem.device
+    # A sensor of 1 N/m reads the force that its handle is displaced by.
+    plain = dataclasses.replace(PlainDevice.of(problem), sensor_n_per_m=1.0, sensor_ratio=0.0, handle_kg=1.0)
     memory, out = (0.0, 0.0), []
     for force, position in zip(forces, positions, strict=True):
         filtered, velocity = plain.command(memory, (position, 0.0, 0.0, position + force, 0.0))
@@ -99,6 +90,7 @@ def test_clang_and_another_name_compile(tmp_path, monkeypatch, capsys):
     run("g++", "-std=c++11", "-c", "-Werror", "-x", "c++", "firmware/pedal.c", "-o", "p.o")
 
 
+@pytest.mark.slow
 def test_what_swings_or_states_no_limits_is_refused():
     problem = avc.load_admittance("admittance/cobot")
     swinging = problem.changed(law={"admittance": {"mass_kg": 40.0, "damping_ns_per_m": 10.0}})
@@ -198,7 +190,7 @@ def test_random_faults_never_exceed_the_limit_and_end(name):
 def test_hands_come_to_rest_around_the_exported_law(name):
     """Thirty hands and contacts of the ranges push, hold and let go, in a plant of other code."""
     problem = avc.load_admittance(name)
-    device, sensor, hands = problem.device, problem.device.force_sensor, problem.hands
+    hands = problem.hands
     exported, random = Exported(problem, "single"), np.random.default_rng(3)
     for _ in range(30):
         kinds = random.random() < 0.5, random.random() < 0.5
@@ -206,21 +198,7 @@ def test_hands_come_to_rest_around_the_exported_law(name):
         spring = kinds[0] * random.uniform(*hands.stiffness_n_per_m)
         contact = kinds[1] * random.uniform(*problem.contact.stiffness_n_per_m)
         damper = kinds[1] * random.uniform(*problem.contact.damping_ns_per_m)
-        plant = PlainDevice(
-            sample_s=device.sample_time_s,
-            drive_hz=device.drive_bandwidth_hz,
-            sensor_n_per_m=sensor.stiffness_n_per_m,
-            sensor_ratio=sensor.damping_ratio,
-            handle_kg=sensor.handle_mass_kg,
-            late_samples=device.delay_samples,
-            mass_kg=1.0,
-            damping=1.0,
-            order=device.drive_order,
-            drive_ratio=device.drive_damping_ratio,
-            hand_kg=carried[0],
-            hand_damping=carried[1] + damper,
-            hand_n_per_m=spring + contact,
-        )
+        plant = PlainDevice.of(problem, carried[0], carried[1] + damper, spring + contact)
         exported.start()
         assert settled(plant, exported, push_n=random.uniform(1.0, 8.0)), (carried, spring, contact)
 

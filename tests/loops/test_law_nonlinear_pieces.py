@@ -9,6 +9,7 @@ from scipy.linalg import solve_discrete_are
 import avc_casadi as avc
 from avc_casadi.files.problem_file import load_any
 from avc_casadi.model import law_pieces as pieces
+from avc_casadi.model.control_law import ControlLaw
 
 DEVICE = {"mass_kg": 0.12, "damping_ns_per_m": 0.8, "encoder_resolution_m": 2e-5, "max_force_n": 8.0}
 PLAIN = {"stiffness_n_per_m": 900.0, "damping_ns_per_m": 4.0}
@@ -150,3 +151,19 @@ def test_keys_of_a_device_that_turns():
     own = stated(law, device).law
     assert (own.dead_zone_m, own.integral_limit_n) == (0.01, 0.3)
     assert (own.friction_compensation.force_n, own.friction_compensation.velocity_m_per_s) == (0.02, 0.5)
+
+
+def test_a_timeout_is_searched_within_what_a_law_may_have():
+    law = ControlLaw(damping_ns_per_m=2.0, velocity={"kind": "ticks", "timeout_s": 0.02})
+    timeout = next(number for number in law.numbers(1e-3) if number.path[-1] == "timeout_s")
+    assert (timeout.lowest, timeout.highest) == (1e-3, 0.128)
+
+
+@pytest.mark.parametrize("samples", [20, 60])
+def test_a_transfer_of_many_states_is_that_of_the_difference_over_its_window(samples):
+    law = ControlLaw(
+        damping_ns_per_m=2.0, local_damping_ns_per_m=0.5, velocity={"kind": "window", "samples": samples}
+    ).law(1e-3)
+    z = np.exp(1j * np.geomspace(1e-4, np.pi, 200))
+    expected = 2.5 * (1 - z**-samples) / (samples * 1e-3)
+    assert law.transfer(z) == pytest.approx(expected, rel=1e-9, abs=1e-9)

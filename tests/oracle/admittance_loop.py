@@ -32,6 +32,28 @@ class PlainDevice:
     hand_damping: float = 0.0
     hand_n_per_m: float = 0.0
 
+    @classmethod
+    def of(cls, problem, hand_kg=0.0, hand_damping=0.0, hand_n_per_m=0.0):
+        """Return the numbers of a problem, with what its handle carries."""
+        device, sensor, law = problem.device, problem.device.force_sensor, problem.law.admittance
+        return cls(
+            sample_s=device.sample_time_s,
+            drive_hz=device.drive_bandwidth_hz,
+            sensor_n_per_m=sensor.stiffness_n_per_m,
+            sensor_ratio=sensor.damping_ratio,
+            handle_kg=sensor.handle_mass_kg,
+            late_samples=device.delay_samples,
+            mass_kg=law.mass_kg,
+            damping=law.damping_ns_per_m,
+            spring_n_per_m=law.stiffness_n_per_m,
+            cutoff_hz=law.cutoff_hz,
+            order=device.drive_order,
+            drive_ratio=device.drive_damping_ratio,
+            hand_kg=hand_kg,
+            hand_damping=hand_damping,
+            hand_n_per_m=hand_n_per_m,
+        )
+
     def rates(self, motion, command):
         """Return the time derivatives of (x, v, a, x_h, v_h): drive, its acceleration if of second order, handle."""
         _, v, a, handle, handle_v = motion

@@ -103,7 +103,9 @@ def test_a_page_opens_on_the_recommended_coupling_which_is_saved(page, tmp_path)
     page.execute_cdp_cmd("Browser.setDownloadBehavior", {"behavior": "allow", "downloadPath": str(tmp_path)})
     assert "0.42" in text(page, "verdicts")
     by_id(page, "save-coupling").click()
-    coupling = avc.read_coupling(until(lambda: next(tmp_path.glob("*.json"), None)))
+    coupling = avc.read_coupling(
+        until(lambda: next((path for path in tmp_path.glob("*.json") if path.stat().st_size), None))
+    )
     assert coupling.table.rows[0, 1:].tolist() == [0.0, 1000.0, 5.0]
 
 

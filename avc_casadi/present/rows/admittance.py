@@ -115,6 +115,17 @@ def doubts_of(problem: AdmittanceProblem) -> tuple[str, ...]:
     return tuple(found)
 
 
+def _untold(problem: AdmittanceProblem) -> list[Row]:
+    """Return a caution where hands are assumed, and where the handle is judged without anything to touch."""
+    rows = []
+    if "hands" not in problem.model_fields_set:
+        rows.append(row("Hands", "assumed:", _hands_line(problem), "; state [hands] of your user", mark=Mark.CAUTION))
+    if not problem.contact.touches:
+        why = "none stated: against something stiff the handle is not judged; state [contact]"
+        rows.append(row("Contact", why, mark=Mark.CAUTION))
+    return rows
+
+
 def _contact_line(contact: Contact) -> tuple[Part, ...]:
     if not contact.touches:
         return ("none",)
@@ -139,6 +150,7 @@ def certificate(result: AdmittanceCertificate, shown: str = "") -> Answer:
     ]
     if not sound and result.remedies is not None:
         rows.append(row("Would help", _remedies(result.remedies)))
+    rows += _untold(problem)
     rows += [_case(case) for case in result.cases]
     return Answer(
         kind="certify-admittance",
@@ -165,6 +177,7 @@ def recommendation(result: AdmittanceRecommendation, shown: str = "", written: s
             row("Worst case", worst_case(judged.worst)),
             _stiffest(judged),
             _noise(judged),
+            *_untold(problem),
         ]
     if result.least_mass_kg is not None:
         rows.append(

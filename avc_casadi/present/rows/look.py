@@ -129,12 +129,15 @@ def problem(result: CheckedProblem, shown: str = "") -> Answer:
     stated = result.problem
     rows = [row("Valid", stated.title or "yes", mark=Mark.PASS)]
     rows += _asked(stated.end, result)
-    rows += [row("Not deployable", result.refused, mark=Mark.FAIL)] if result.refused else []
+    if result.refused and stated.law is None:
+        rows.append(row("Not deployable", result.refused, mark=Mark.FAIL))
     rows += subject.notes((doubt.text for doubt in result.warnings), "Warning")
     if stated.source:
         rows.append(row("Source", stated.source, rank=1))
     # Where nothing is deployable whatever the gains, its row says so.
     onwards = [] if result.refused else [subject.to_recommend(stated.end)]
+    if stated.law is not None:
+        onwards = ["certify {}"]
     return subject.answer("check", result.document(), stated, shown, rows, *onwards)
 
 
