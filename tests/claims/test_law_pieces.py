@@ -136,6 +136,7 @@ def test_a_negative_local_damper_holds_down_to_the_devices_own(capsys):
     assert found["intervals"]["local_damping_ns_per_m"][0] == pytest.approx(-device.damping_ns_per_m, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_pieces_are_typed_and_stand_in_a_file(tmp_path, capsys):
     file = tmp_path / "servo.toml"
     file.write_text(

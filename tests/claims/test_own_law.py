@@ -266,6 +266,7 @@ def test_k_and_b_to_an_engine_are_judged_with_the_engine(integrator, m, b, h, tm
         assert json.loads(capsys.readouterr().out)["stable"] == (share < 1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "laws", [((300, 3, 0), (3e5, 3, 1)), pytest.param(((0, 3, 0), (0, 300, 1)), marks=pytest.mark.slow)]
 )

@@ -101,6 +101,7 @@ def test_a_stable_pair_beside_a_nearer_one_that_is_not(soft):
     assert np.all(soft.methods["mine"].magnitude_error > soft.methods["direct"].magnitude_error)
 
 
+@pytest.mark.slow
 def test_the_equivalent_of_a_causal_coupling():
     """Of a spring and damper it is that pair at every frequency; of a law, (8) with it is what the law renders."""
     problem = avc.load_problem("figure5").changed(stability={"model": "sampled-data"})

@@ -101,6 +101,7 @@ def test_laws_that_meet_their_goals_are_stable_on_every_device_a_tenth_off(chang
         assert answer.performance.disk_margin > 0.2
 
 
+@pytest.mark.slow
 def test_without_that_condition_some_laws_of_this_device_are_unstable_a_tenth_off():
     """So that the test above tests something: the laws that the nominal conditions alone lead to."""
     walled = problem({}, 8290.0)

@@ -223,6 +223,7 @@ DRAWN = given(
 )
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=2)
 @DRAWN
 def test_no_law_is_worse_than_its_start(mass, delay, stiffness, margin):

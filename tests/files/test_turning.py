@@ -146,6 +146,7 @@ def test_a_scene_is_that_of_the_handle(device, wall, power, kind):
     assert one.energy_generated_j == pytest.approx(other.energy_generated_j, rel=1e-6, abs=1e-12)
 
 
+@pytest.mark.slow
 def test_a_law_is_that_of_the_handle():
     radius = 0.125
     device = {"mass_kg": 0.12, "damping_ns_per_m": 0.8, "delay_samples": 1, "encoder_resolution_m": 2e-5}

@@ -80,6 +80,7 @@ def test_stop_takes_the_force_away_at_the_next_tick():
     assert not np.any(bench.force_n[stopped:])
 
 
+@pytest.mark.slow
 def test_no_coupling_runs_beside_or_after_it_until_one_is_pushed():
     bench = Bench(device(encoder_resolution_m=2e-6))
     plan = dataclasses.replace(planned(), metres_per_count=2e-6)

@@ -208,7 +208,7 @@ def compiles(files: dict[str, str], folder: Path, compiler: tuple[str, ...]) -> 
     return subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603
 
 
-@pytest.mark.parametrize("compiler", [C99, CPP11], ids=["C", "C++"])
+@pytest.mark.parametrize("compiler", [C99, pytest.param(CPP11, marks=pytest.mark.slow)], ids=["C", "C++"])
 @pytest.mark.parametrize("kind", TWO_COUPLINGS)
 def test_header_and_source_of_two_couplings_do_not_compile(
     kind: str, compiler: tuple[str, ...], tmp_path: Path

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from admittance_loop import PlainDevice
 from hardware_bench import require, run, scratch
+from quick import first
 
 import avc_casadi as avc
 from avc_casadi.cli import main
@@ -66,7 +67,7 @@ def law_of(problem, forces, positions):
 
 
 @pytest.mark.parametrize("name", ["admittance/cobot", "admittance/pedal"])
-@pytest.mark.parametrize(("precision", "digits"), [("double", 1e-12), ("single", 2e-4)])
+@pytest.mark.parametrize(("precision", "digits"), first([("double", 1e-12), ("single", 2e-4)]))
 def test_the_step_is_the_law(name, precision, digits):
     problem = avc.load_admittance(name)
     exported = Exported(problem, precision)
@@ -79,6 +80,7 @@ def test_the_step_is_the_law(name, precision, digits):
     assert np.abs(given - expected).max() <= digits * np.abs(expected).max()
 
 
+@pytest.mark.slow
 def test_clang_and_another_name_compile(tmp_path, monkeypatch, capsys):
     problem = avc.load_admittance("admittance/pedal")
     Exported(problem, "single", "clang")
@@ -238,7 +240,7 @@ def settled(plant, exported, push_n, seconds=20.0):
     return max(speeds[-tenth:]) < 0.02 * max(speeds)
 
 
-@pytest.mark.parametrize(("name", "returns"), [("admittance/pedal", True), ("admittance/cobot", False)])
+@pytest.mark.parametrize(("name", "returns"), first([("admittance/pedal", True), ("admittance/cobot", False)]))
 def test_with_a_spring_the_device_returns_to_its_rest_position_as_the_header_says(name, returns):
     problem = avc.load_admittance(name)
     exported = Exported(problem)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from quick import first
 from withdrawn_device import NOTICED_N, pushed_outside, target_m
 
 import avc_casadi as avc
@@ -94,7 +96,7 @@ SERIES, BEHIND_A_PLAIN_OBSERVER = "series", "behind a plain observer"
 @pytest.mark.parametrize(
     ("name", "kind"),
     # With more delay than one sample this damper is too much for the plain observer: it rings.
-    [*((name, kind) for name in DEVICES for kind in ("contact damper", SERIES)), (LIMITED, BEHIND_A_PLAIN_OBSERVER)],
+    first([(LIMITED, BEHIND_A_PLAIN_OBSERVER), *itertools.product(DEVICES, ("contact damper", SERIES))], 3),
 )
 def test_the_force_of_springs_and_dampers_ends_as_that_of_their_exported_c_does(name, kind):
     stated = problem(name)
