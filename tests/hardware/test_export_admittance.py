@@ -66,7 +66,7 @@ def law_of(problem, forces, positions):
     return np.array(out)
 
 
-@pytest.mark.parametrize("name", ["admittance/cobot", "admittance/pedal"])
+@pytest.mark.parametrize("name", first(["admittance/cobot", "admittance/pedal"]))
 @pytest.mark.parametrize(("precision", "digits"), first([("double", 1e-12), ("single", 2e-4)]))
 def test_the_step_is_the_law(name, precision, digits):
     problem = avc.load_admittance(name)

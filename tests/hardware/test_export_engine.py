@@ -7,6 +7,7 @@ import pytest
 from engine_simulator import EngineSimulator
 from exported import C99, CLANG, CPP11
 from exported_tool import DEVICE, ExportedLoop, ExportedTool, tool_coupling
+from quick import first
 
 import avc_casadi as avc
 from avc_hardware import export_c
@@ -30,29 +31,32 @@ def target():
 
 @pytest.mark.parametrize(
     ("exchange", "late", "gains", "ratio", "scales", "device", "contact", "integrator"),
-    [
-        ("on-time", 0, (2000.0, 15.0, 0.0), 2, (1.0, 1.0), DEVICE, None, "semi-implicit"),
-        ("on-time", 0, (2000.0, 15.0, 0.0), 1, (10.0, 0.1), DEVICE, (1000.0, 5.0), "semi-implicit"),
-        ("on-time", 1, (900.0, 8.0, 1.0), 5, (0.5, 3.0), DEVICE, None, "explicit"),
-        ("on-time", 0, (900.0, 8.0, 0.0), 1.5, (1.0, 1.0), DEVICE, None, "semi-implicit"),
-        ("late", 0, (900.0, 8.0, 0.0), 4, (2.0, 5.0), DEVICE, (1000.0, 5.0), "semi-implicit"),
-        ("ahead", 0, (150.0, 2.0, 2.0), 3, (10.0, 1.0), DEVICE, None, "semi-implicit"),
-        ("ahead", 1, (150.0, 2.0, 2.0), 3, (1.0, 0.2), DEVICE, None, "semi-implicit"),
-        ("held-force", 0, (300.0, 3.0, 4.0), 3, (4.0, 0.5), DEVICE, None, "semi-implicit"),
-        ("held-force", 1, (300.0, 3.0, 4.0), 2, (1.0, 1.0), DEVICE, (1000.0, 5.0), "semi-implicit"),
-        ("on-time", 0, (40.0, 0.6, 0.0), 2, (3.0, 0.5), TURNING, None, "semi-implicit"),
-        ("held-force", 0, (20.0, 0.3, 0.5), 4, (1.0, 1.0), TURNING, None, "semi-implicit"),
-        ("on-time", 0, (900.0, 8.0, 0.0), 5, (10.0, 0.1), DEVICE, (1000.0, 5.0), "implicit-damping"),
-        ("late", 0, (500.0, 6.0, 0.0), 4, (2.0, 5.0), DEVICE, None, "implicit-damping"),
-        ("held-force", 0, (300.0, 3.0, 4.0), 2, (1.0, 0.5), DEVICE, None, "implicit-damping"),
-        ("on-time", 0, (900.0, 8.0, 0.0), 1.5, (0.5, 3.0), DEVICE, (1000.0, 5.0), "implicit"),
-        ("ahead", 0, (900.0, 8.0, 0.0), 5, (10.0, 1.0), DEVICE, None, "implicit"),
-        ("held-force", 1, (150.0, 3.0, 4.0), 2, (2.0, 1.0), DEVICE, None, "implicit"),
-        ("on-time", 0, (40.0, 0.6, 0.0), 2, (3.0, 0.5), TURNING, None, "implicit-damping"),
-        ("on-time", 0, (40.0, 0.6, 0.0), 2, (3.0, 0.5), TURNING, None, "implicit"),
-        ("on-time", 1, (500.0, 8.0, 1.0), 5, (0.5, 3.0), DEVICE, (1000.0, 5.0), "exact"),
-        ("held-force", 0, (300.0, 3.0, 4.0), 3, (4.0, 0.5), DEVICE, None, "exact"),
-    ],
+    first(
+        [
+            ("on-time", 0, (2000.0, 15.0, 0.0), 2, (1.0, 1.0), DEVICE, None, "semi-implicit"),
+            ("on-time", 0, (2000.0, 15.0, 0.0), 1, (10.0, 0.1), DEVICE, (1000.0, 5.0), "semi-implicit"),
+            ("on-time", 1, (900.0, 8.0, 1.0), 5, (0.5, 3.0), DEVICE, None, "explicit"),
+            ("on-time", 0, (900.0, 8.0, 0.0), 1.5, (1.0, 1.0), DEVICE, None, "semi-implicit"),
+            ("late", 0, (900.0, 8.0, 0.0), 4, (2.0, 5.0), DEVICE, (1000.0, 5.0), "semi-implicit"),
+            ("ahead", 0, (150.0, 2.0, 2.0), 3, (10.0, 1.0), DEVICE, None, "semi-implicit"),
+            ("ahead", 1, (150.0, 2.0, 2.0), 3, (1.0, 0.2), DEVICE, None, "semi-implicit"),
+            ("held-force", 0, (300.0, 3.0, 4.0), 3, (4.0, 0.5), DEVICE, None, "semi-implicit"),
+            ("held-force", 1, (300.0, 3.0, 4.0), 2, (1.0, 1.0), DEVICE, (1000.0, 5.0), "semi-implicit"),
+            ("on-time", 0, (40.0, 0.6, 0.0), 2, (3.0, 0.5), TURNING, None, "semi-implicit"),
+            ("held-force", 0, (20.0, 0.3, 0.5), 4, (1.0, 1.0), TURNING, None, "semi-implicit"),
+            ("on-time", 0, (900.0, 8.0, 0.0), 5, (10.0, 0.1), DEVICE, (1000.0, 5.0), "implicit-damping"),
+            ("late", 0, (500.0, 6.0, 0.0), 4, (2.0, 5.0), DEVICE, None, "implicit-damping"),
+            ("held-force", 0, (300.0, 3.0, 4.0), 2, (1.0, 0.5), DEVICE, None, "implicit-damping"),
+            ("on-time", 0, (900.0, 8.0, 0.0), 1.5, (0.5, 3.0), DEVICE, (1000.0, 5.0), "implicit"),
+            ("ahead", 0, (900.0, 8.0, 0.0), 5, (10.0, 1.0), DEVICE, None, "implicit"),
+            ("held-force", 1, (150.0, 3.0, 4.0), 2, (2.0, 1.0), DEVICE, None, "implicit"),
+            ("on-time", 0, (40.0, 0.6, 0.0), 2, (3.0, 0.5), TURNING, None, "implicit-damping"),
+            ("on-time", 0, (40.0, 0.6, 0.0), 2, (3.0, 0.5), TURNING, None, "implicit"),
+            ("on-time", 1, (500.0, 8.0, 1.0), 5, (0.5, 3.0), DEVICE, (1000.0, 5.0), "exact"),
+            ("held-force", 0, (300.0, 3.0, 4.0), 3, (4.0, 0.5), DEVICE, None, "exact"),
+        ],
+        10,
+    ),
 )
 @pytest.mark.parametrize("substeps", [1, pytest.param(3, marks=pytest.mark.slow)])
 def test_exported_loop_is_the_plain_simulation(
