@@ -65,7 +65,7 @@ LEVELS = {
     ),
     "L1": Level(
         "passive in a band about its own frequency",
-        "the same in a band about it (`band_factor`)",
+        "the same in a band of frequencies about each row's own (`band_factor`)",
         "the rest of the spectrum",
         where="band",
     ),
@@ -77,15 +77,15 @@ LEVELS = {
     ),
     "L3": Level(
         "passive at all frequencies, sampled-data hold",
-        "the same with the sampled-data hold: the exact condition of Colgate and Schenkel",
+        "as L2, with the sampled-data hold: the exact condition of Colgate and Schenkel",
         "changing gains; friction, encoder, saturation",
         hold="sampled-data",
     ),
     "L4": Level(
         "Llewellyn, any passive environment",
-        "Llewellyn's (6): passive for any passive wall that the device's own loop computes, every T",
-        "as L2 or L3, in the problem's model; an engine's tool, which is not such a wall (`[simulation]`, the engine's "
-        "port)",
+        "Llewellyn's (6): passive with any passive wall that the device's own loop computes every T",
+        "what L2 or L3 does not cover, whichever has the problem's hold; an engine's tool, which is not such a wall "
+        "(see the engine's port)",
         any_environment=True,
     ),
     "L5": Level(
@@ -98,7 +98,7 @@ LEVELS = {
         "settles with every hand, making and breaking contact",
         "each frozen row settles with every hand of the range, for any place of rest and any initial state, making and"
         " breaking contact, on the device that the claim names (with `--prove`)",
-        "changing gains; friction, encoder; open with play",
+        "changing gains; friction, encoder; backlash, with which the claim is open",
         on_demand=True,
     ),
 }
