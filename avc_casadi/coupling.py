@@ -299,11 +299,11 @@ def require_coupling(value: object) -> None:
         if isinstance(end, Wall):
             return
         hint = (
-            f"couples a device to a [{end.kind}]: it has no wall and no gain table; use avc certify or export "
-            f"take it{', and avc simulate' if end.in_scenes else ''}"
+            f"is a coupling to a [{end.kind}], without wall and gain table; use avc certify or avc export"
+            f"{', or avc simulate' if end.in_scenes else ''}"
         )
     elif isinstance(value, str | PathLike):
-        hint = f"is the text {str(value)!r}; give the result of avc.read_coupling({str(value)!r})"
+        hint = f"is the text {str(value)!r}; give a coupling: avc.read_coupling({str(value)!r})"
     else:
         hint = f"is a {type(value).__name__}; give a Coupling, such as the attribute `coupling` of a recommendation"
     raise InputError.of(hint, key="coupling")

@@ -209,7 +209,7 @@ def rest_level(subject: Subject) -> LevelResult:
     claim = rests[worst].sentence
     if len(rests) > 1:
         counts = ", ".join(f"{outcomes.count(outcome)} {outcome}" for outcome in worst_first if outcome in outcomes)
-        claim = f"{counts} of {len(rests)} rows, each held constant; the row of {rows[worst, 0]:.5g} Hz: {claim}"
+        claim = f"{counts} of {len(rests)} rows, each with constant gains; the row of {rows[worst, 0]:.5g} Hz: {claim}"
         claim += "; gains that change over time are not covered"
     return _rest_result(rests, claim, worst, len(rests))
 
@@ -295,7 +295,7 @@ def _of_row(coupling: Coupling, row: list[float], seed: int, progress: Progress)
     if runtime.observer_mass_kg is not None:
         not_known.append("the observer between encoder steps is not linear")
     if runtime.guard is not None:
-        not_known.append(f"the guard {runtime.guard} changes the force by what it has measured")
+        not_known.append(f"the guard {runtime.guard} changes the force as it measures energy")
     if not not_known:
         return rest
     without = rest.sentence if rest.outcome != "open" else f"open, {rest.sentence}"

@@ -118,16 +118,16 @@ def engine_port(device: Device, hands: Hands, tool: Simulation, gains: ToolGains
     t = device.sample_time_s
     family = PlantFamily.between(device, hands)
     if tool.integrator == "exact" or tool.substeps > 1:
-        why = "passivity at the engine's port is known of steps by the new velocity, one for each force of the coupling"
-        raise UnsupportedError(f"{why}; the spectral radius of the lifted loop judges it", key="simulation.integrator")
+        why = "passivity at the engine's port is not computed for exact integration or for several substeps"
+        raise UnsupportedError(f"{why}; stability is judged in another claim", key="simulation.integrator")
     plant = family.sampled
     lowest_of_steps = []
     for step_s in sorted(set(tool.step_s)):
         clock = clocks(step_s, t)[0]
         if not clock.whole:
             raise UnsupportedError(
-                f"passivity at the engine's port is known where the step is a whole multiple of T = {t:g} s, not for "
-                f"{step_s:g} s: the port is no single map then; the spectral radius of the lifted loop judges it",
+                f"passivity at the engine's port is computed for steps of whole samples (T = {t:g} s) only, not for "
+                f"{step_s:g} s; stability is judged in another claim",
                 key="simulation.step_s",
             )
         lowest_of_steps.append((_Port(plant, clock, tool, gains).lowest(), step_s))
@@ -147,9 +147,9 @@ def engine_port(device: Device, hands: Hands, tool: Simulation, gains: ToolGains
 
 
 _CLAIM = (
-    "the port at which the engine meets the coupling is passive, with the extreme hands of [hands] and released: "
-    "stable with any engine that is passive there, whatever its tool weighs and touches. Such an engine solves the "
-    "tool together with the coupling's force (implicit); one that moves a mass explicitly is none, however heavy"
+    "the port between engine and coupling is passive, with the extreme hands of [hands] and released: stable with "
+    "any engine that is passive at this port, for any mass and contact of its tool. An engine is passive if it solves "
+    "the tool together with the coupling's force (implicit); an engine that moves a mass explicitly is not"
 )
 
 

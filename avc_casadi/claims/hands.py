@@ -178,7 +178,7 @@ def worst_case_behind_observer(coupling: Coupling) -> dict[str, WorstCase]:
     the force its clip leaves; of the last two the share stands among the values.
     """
     if coupling.runtime.state_feedback is None or not coupling.table.constant:
-        raise UnsupportedError("state feedback is judged before constant gains only; make the gains constant")
+        raise UnsupportedError("state feedback is judged with constant gains only; make the gains constant")
     family = PlantFamily.of(coupling.problem)
     if family.largest_delay_samples > MAX_DELAY_SAMPLES:
         raise UnsupportedError(f"linear stability is computed up to {MAX_DELAY_SAMPLES} samples of delay")
@@ -215,7 +215,9 @@ def hands_level(subject: Subject) -> LevelResult:
     held = worst_case_over_hands(family, law, draws=subject.draws, seed=subject.seed, progress=subject.progress)
     released = worst_case_over_hands(family.released, law, draws=0)
     effort = search_text(problem, subject.draws, subject.seed)
-    claim = f"each frozen row is linearly stable, with no friction, with {effort}; this says nothing of switching"
+    claim = (
+        f"each frozen row is linearly stable, without friction, with {effort}; switching between rows is not covered"
+    )
     radius = np.array([case.radius for case in held])
     # Rows rank by spectral radius; the margin in N.s/m is that of the worst one.
     margins = RowMargins(

@@ -105,7 +105,7 @@ def joint_of(problem: AnyProblem) -> Problem:
     stated = load_any(problem)
     if not isinstance(stated.end, Joint):
         allowed = "allowed: a file with [simulation] and no [device]"
-        raise InputError.of(f"has a device; {allowed}", file=stated.name or "problem", key="device")
+        raise InputError.of(f"is given; {allowed}", file=stated.name or "problem", key="device")
     return stated
 
 

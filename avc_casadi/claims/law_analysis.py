@@ -101,7 +101,8 @@ class LawAnalysis:
         self.period = problem.device.sample_time_s
         if problem.device.mass_kg + float(np.min(self.family.held.mass_kg)) == 0:
             raise UnsupportedError(
-                "is 0, and so is the mass of the lightest hand; one of them must be above 0", key="device.mass_kg"
+                "device.mass_kg and the mass of the lightest hand are 0; one of them must be above 0",
+                key="device.mass_kg",
             )
         # What a search of the ranges found worse than their corners.
         self.worst_points: list[LawPoint] = []

@@ -360,7 +360,7 @@ def valid_law(law: SpringDamper, problem: Problem) -> SpringDamper:
     if law.cutoff_hz is not None and not (math.isfinite(law.cutoff_hz) and law.cutoff_hz > 0):
         faults["cutoff_hz"] = f"is {law.cutoff_hz:g}; allowed: a positive finite number"
     if not faults and not any(gains.values()):
-        faults["k"] = "is 0, and so are b and b_p; give at least one of them"
+        faults["k"] = "is 0, and b and b_p are 0 too; give at least one of them"
     if faults:
         raise InputError([Fault("", None, key, message) for key, message in faults.items()])
     _require_known_delay(problem)

@@ -62,7 +62,7 @@ class StatedSystem:
         dt, period = system.dt, device.sample_time_s
         is_time = isinstance(dt, int | float) and not isinstance(dt, bool)
         if not is_time or not math.isclose(dt, period, rel_tol=_SAME_TIME):
-            allowed = f"allowed: {period:g} s, device.sample_time_s: discretise it at that"
+            allowed = f"allowed: {period:g} s (device.sample_time_s); discretise the system with this time"
             raise InputError.of(f"has dt = {dt}; {allowed}", key="law")
         a, b, c, d = (np.atleast_2d(np.asarray(part, dtype=np.float64)) for part in _matrices(system))
         states = a.shape[-1] if a.size else 0
@@ -73,7 +73,7 @@ class StatedSystem:
             raise InputError.of("has a matrix with invalid numbers; allowed: finite numbers", key="law")
         radius = float(np.abs(np.linalg.eigvals(a)).max(initial=0.0)) if states else 0.0
         if radius > 1 + _DIES_AWAY:
-            allowed = "allowed: at most 1, because the margins assume a controller that is stable by itself"
+            allowed = "allowed: at most 1, because the margins are for a controller that is stable by itself"
             raise InputError.of(f"has a pole of size {radius:.6g}; {allowed}", key="law")
         nothing = np.zeros((0, 1))
         return cls(Law(a, b, c, d, period) if states else Law(a, nothing, nothing.T, d, period))

@@ -107,21 +107,21 @@ DEFAULT_BAUD = 115200
 """Rate of a serial port unless another is given, bit/s."""
 _BAUD = f"set the baud rate of the serial port (default: {DEFAULT_BAUD})"
 BAUD = argument("--baud", type=positive_int, default=DEFAULT_BAUD, metavar="N", text=_BAUD)
-_PORT = "choose the serial port, or `emulator` (firmware with a model device)"
+_PORT = "choose the serial port, or `emulator` (the firmware with a simulated device)"
 PORT = (argument("--port", required=True, metavar="PORT", text=_PORT), BAUD)
-_MOTION = "state how the device moves: linear (m, N; default) or rotary (rad, N.m)"
+_MOTION = "choose the motion of the device: linear (m, N; default) or rotary (rad, N.m)"
 MOTION = argument("--motion", choices=("linear", "rotary"), default="linear", metavar="KIND", text=_MOTION)
 _SCHEDULER = "use the Dask cluster at this address instead, such as tcp://host:8786"
 WORKERS = (
     argument("--workers", type=positive_int, metavar="N", text="set the number of processes (default: all processors)"),
     argument("--scheduler", metavar="ADDRESS", text=_SCHEDULER),
 )
-_COLUMNS = "assign columns by header or number: time=1,position=2,force=3; or angle, torque"
+_COLUMNS = "name the columns, by header or number: time=1,position=2,force=3; or angle, torque"
 _UNITS = "set units that the header lacks: time=ms,position=um, or angle=deg,torque=N.m"
-_FLIP = "reverse the sign of the force, if the log counts it against +position"
+_FLIP = "reverse the sign of the force, if a positive force pushes towards -position in the log"
 _HANDLE = "set the handle radius of a rotary device in m (default: from --device)"
 LOGS = (
-    argument("log", metavar="LOG", nargs="+", text="log file, one recording each: .csv, .txt, .npz or .mat (v5)"),
+    argument("log", metavar="LOG", nargs="+", text="log file with one recording: .csv, .txt, .npz or .mat (v5)"),
     argument("--columns", action="append", default=[], metavar="Q=C", text=_COLUMNS),
     argument("--units", action="append", default=[], metavar="Q=U", text=_UNITS),
     argument(

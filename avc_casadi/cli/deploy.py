@@ -28,11 +28,11 @@ if TYPE_CHECKING:
 
 _PARAMETERS = "print the settings of a physics engine instead: mujoco, unity, chai3d, sofa and others"
 _PRECISION = "set the type of numbers in C: single (float, default) or double"
-_NAME = "set the first part of file names and C names (default: avc_coupling)"
+_NAME = "begin the names of files and C functions with NAME (default: avc_coupling)"
 _BOARD = "choose a built-in board (a wrong name lists them), or the folder of your own (PORTING.md)"
 _FIRMWARE_BAUD = "set the baud rate of the board's serial port (default: 115200); use the same in push"
 _STREAM_RATE = "set the messages per second, 1 to 100 (default: 50)"
-_ENERGY = "limit the net energy output within 1 s in J (more latches a fault)"
+_ENERGY = "limit the energy in J that the wall may give out within 1 s (more latches a fault)"
 
 
 @cli.verb(
@@ -52,7 +52,7 @@ def run_export(args: argparse.Namespace, console: Console) -> Answer:
     For a [simulation] or a [follower] it contains the code of both ends.
     A table [law] of a problem is exported with all its pieces.
     For an admittance device the function takes position and force, and returns the velocity to command.
-    What is not deployable is refused with exit code 1; --unsafe overrides this.
+    A coupling or law that is not deployable is refused with exit code 1; --unsafe overrides this.
     """
     from avc_casadi.cli import ends
     from avc_casadi.cli.law import states_law
@@ -168,7 +168,7 @@ def in_the_loop(coupling: Coupling) -> ReportedTrial | NotTried:
 
 
 @cli.verb(
-    cli.argument("subject", metavar="SUBJECT", text="device file, problem, or coupling file (adds its runtime part)"),
+    cli.argument("subject", metavar="SUBJECT", text="device, problem or coupling file (adds estimator and guard)"),
     cli.argument("--board", required=True, metavar="BOARD", text=_BOARD),
     cli.argument("--out", required=True, metavar="DIR", text="write the .elf, .bin and .hex files to this folder"),
     cli.argument("--baud", type=cli.positive_int, metavar="N", text=_FIRMWARE_BAUD),
@@ -177,7 +177,7 @@ def run_firmware(args: argparse.Namespace, console: Console) -> Answer:
     """Build firmware with the sample time, encoder and force limit of a device.
 
     The firmware contains no gains: send them with `avc push`.
-    The build needs the board's compiler: arm-none-eabi-gcc, or the one that your board folder names.
+    The build needs the compiler of the board: arm-none-eabi-gcc, or as your board folder states.
     """
     from avc_casadi.files.problem_file import is_device
 
@@ -221,16 +221,16 @@ _STREAM_SHOWN_EVERY_S = 0.5
 
 
 @cli.verb(
-    cli.argument("subject", metavar="COUPLING", text="coupling file; or a problem, whose recommendation is streamed"),
+    cli.argument("subject", metavar="COUPLING", text="coupling file; or a problem, whose coupling is found first"),
     *cli.PORT,
     cli.argument("--rate-hz", type=cli.positive, default=50.0, metavar="HZ", text=_STREAM_RATE),
     cli.argument("--seconds", type=cli.positive, default=5.0, metavar="S", text="set the duration in s (default: 5)"),
     cli.UNSAFE,
 )
 def run_stream(args: argparse.Namespace, console: Console) -> Answer:
-    """Stream gains to a device, chosen from its estimate of the motion's frequency.
+    """Stream gains to a device, for the frequency of motion that the device estimates.
 
-    The table of gains is pushed first: the device falls back to it if messages stop.
+    The table of gains is pushed first: the device returns to it if messages stop.
     Exit code 1 if the device does not run the table at the end.
     """
     from avc_casadi.cli import ends
@@ -305,8 +305,8 @@ def run_monitor(args: argparse.Namespace, console: Console) -> Answer:
     """Monitor a device: print and log its state, and send its heartbeat.
 
     With --heartbeat the device exerts force only while this command runs.
-    When the command ends, the force falls to 0 within 0.1 s; if the line breaks, S seconds later.
-    The force returns out of contact, with the next heartbeat or after `avc device --clear`.
+    When the command ends, the force falls to 0 within 0.1 s; if the connection breaks, after S seconds.
+    The force returns with the next heartbeat or after `avc device --clear`, once out of contact.
     """
     units = units_for(args.motion)
     data = _nothing_watched(args.port, args.out)

@@ -55,7 +55,7 @@ _HELD = f"choose the grip: {', '.join(HOLDS)} (default: grip)"
     cli.argument("--like", metavar="D", text="begin with a built-in device (avc list) or a device file"),
     cli.argument("--held", choices=tuple(HOLDS), default="grip", metavar="HOW", text=_HELD),
     *_value_options(),
-    cli.argument("--model", metavar="M", text="read the mass at --tip NAME or the --joint NAME of an MJCF or URDF"),
+    cli.argument("--model", metavar="M", text="read an MJCF or URDF model: mass at --tip NAME, or --joint NAME"),
     cli.argument("--tip", metavar="NAME", text=argparse.SUPPRESS),
     cli.argument("--joint", metavar="NAME", text=argparse.SUPPRESS),
     cli.flag("--force", "overwrite an existing file"),
@@ -64,7 +64,7 @@ def run_new(args: argparse.Namespace, console: Console) -> Answer:
     """Write a problem file from what you know of your device, its wall and its user.
 
     A value V has a unit, such as '55 um', '1 kHz' or '4096 counts'; without one it is in SI units.
-    With --drive velocity: --drive-bandwidth, --max-speed, --sensor-stiffness, --handle-mass,
+    Options of --drive velocity: --drive-bandwidth, --max-speed, --sensor-stiffness, --handle-mass,
     --sensor-damping-ratio, --sensor-noise, --sensor-resolution, --contact, --contact-damping.
     """
     from avc_casadi.files.plausibility import plausibility
@@ -202,7 +202,7 @@ def _at_tip(new: NewProblem, model: str | None, tip: str | None) -> NewProblem:
 @cli.verb(
     cli.PROBLEM,
     cli.output(
-        "--out", "write the coupling to this .json file; of an admittance device the problem, .toml", ".json", ".toml"
+        "--out", "write the coupling to this .json file (for an admittance device the problem, .toml)", ".json", ".toml"
     ),
     cli.flag("--stiffest", _STIFFEST),
     cli.flag("--lean-on-friction", "accept couplings that need the declared dry friction to settle"),
@@ -217,10 +217,10 @@ def run_recommend(args: argparse.Namespace, console: Console) -> Answer:
 
     Exit code 1 if no coupling is deployable: linearly stable with every hand of [hands] and with
     the device released.
-    For an admittance device (drive = "velocity") it recommends the virtual mass and damping of least
-    effort; --out then writes the problem with this law, as .toml.
-    For a joint that an engine moves (a file with [simulation] and without [device]) it
-    recommends kp and kd.
+    For an admittance device (drive = "velocity") it recommends the virtual mass and damping that need
+    the least force of the hand; --out then writes the problem with this law, as .toml.
+    For a joint of a simulated robot (a file with [simulation] and without [device]) it recommends
+    kp and kd.
     """
     from avc_casadi.cli import admittance
     from avc_casadi.files.admittance_file import is_admittance
@@ -299,7 +299,7 @@ def gain_pair(text: str) -> tuple[float, float]:
     cli.plot("the comparison"),
 )
 def run_compare(args: argparse.Namespace, console: Console) -> Answer:
-    """Compare the methods at each frequency, with a verdict."""
+    """Compare the gains of the paper's methods at each frequency, with a verdict on each method."""
     problem = avc.load_problem(args.problem)
     comparison = avc.compare(problem, mine=args.mine, progress=console)
     write_figure(console, args.plot, lambda: avc.figures.draw_comparison(comparison))

@@ -14,9 +14,9 @@ from avc_casadi.present.row import Answer
 _COUPLING_HANDS = 10_000
 """Hands that try a coupling where no other number is given."""
 _CUTOFF = "set the cutoff of a first-order velocity filter in Hz (default: no filter)"
-_COMPENSATION = 'push along the motion by "0.2N", or "0.2N, 0.02m/s" (default: none)'
+_COMPENSATION = 'add a force along the motion: "0.2N", or "0.2N, 0.02m/s" (default: none)'
 _PROVE = "try to prove that the device comes to rest without friction (claim L7)"
-_VELOCITY = '"window 5", "low-pass 80 Hz", "kalman 40 Hz", "ticks 20 ms" (difference)'
+_VELOCITY = 'estimate v by "window 5", "low-pass 80 Hz", "kalman 40 Hz", "ticks 20 ms"'
 
 
 @cli.verb(
@@ -42,9 +42,9 @@ def run_certify(args: argparse.Namespace, console: Console) -> Answer:
     Deployable means linearly stable with every hand of [hands] and with the device released, with a
     sufficient disk margin. Exit code 1 if it is not.
     Your own gains need no GAINS file: `avc certify P --k 230 --b 1.2` judges the force
-    -(k x + (b + b_p) v). They replace the wall of P, and single values of a table [law] in P.
-    For a [simulation] or [follower], k, b and b_p are K, B and the damper of the device's own loop.
-    Of an admittance device: --virtual-mass, --b, --k and --cutoff-hz replace values of its law.
+    -(k x + (b + b_p) v). These options replace the wall of P, or single values of its table [law].
+    With a [simulation] or [follower], --k, --b and --b-p set K, B and the damper in the device's loop.
+    For an admittance device, --virtual-mass, --b, --k and --cutoff-hz replace values of its law.
     """
     from avc_casadi.claims.own_law import law_problem
     from avc_casadi.cli import admittance, ends
@@ -74,8 +74,8 @@ def run_certify(args: argparse.Namespace, console: Console) -> Answer:
 
 @cli.verb(
     cli.argument("problem", metavar="P", text="problem file or name; or a coupling file"),
-    cli.argument("--gains", metavar="GAINS", text="simulate this coupling or table instead of the scene's coupling"),
-    cli.argument("--against", metavar="C1,C2", text="simulate up to 3 more: none (no coupling) or names of methods"),
+    cli.argument("--gains", metavar="GAINS", text="use this coupling or table instead of the scene's coupling"),
+    cli.argument("--against", metavar="C1,C2", text="compare with up to 3: none (no coupling), or names of methods"),
     cli.argument("--seed", type=int, default=0, metavar="S", text="set the seed of random noise (default: 0)"),
     cli.output("--trace", "write all signals to this .npz file, with a .json description", ".npz"),
     cli.plot("the motion"),
@@ -107,7 +107,7 @@ def run_trial(args: argparse.Namespace, console: Console) -> Answer:
 
     Hands are drawn uniformly from [hands]. Each hand presses, taps and holds the device as declared.
     The count has an exact confidence interval. A table [law] runs with its nonlinear pieces.
-    Its hands press, strike and tap; a law with an integral is pressed for long; the device is released.
+    With a law, hands press, strike and tap, and the device is released. An integral adds a long press.
     Friction compensation is also tried with less friction. Exit code 1 if a law does not come to rest.
     """
     from avc_casadi._util.parallel import cluster, processors

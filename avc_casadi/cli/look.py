@@ -33,7 +33,8 @@ _HANDS = "set the number of simulated hands of each set (default: 200)"
 def run_list(args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG001
     """List the built-in problems and devices.
 
-    Run a problem by its name, or copy its file. Name a device in a problem file.
+    A command takes the name of a problem in place of a file. A problem file takes the name of a device:
+    device = "NAME".
     """
     from avc_casadi.files.catalogue import admittance_catalogue, device_names
 
@@ -76,8 +77,8 @@ def run_check(args: argparse.Namespace, console: Console) -> Answer:  # noqa: AR
 def run_explore(args: argparse.Namespace, console: Console) -> Answer:
     """Explore a problem in the browser, with sliders for device, wall and hands.
 
-    The page shows how each value changes the coupling, saves problem and coupling, and shows the
-    equivalent commands. Only this machine can open it. Stop it with Ctrl-C.
+    The page shows how each value changes the coupling. It saves problem and coupling, and shows the
+    equivalent commands. Only this machine can open the page. Stop it with Ctrl-C.
     """
     import threading
     import webbrowser
@@ -110,7 +111,7 @@ def run_explore(args: argparse.Namespace, console: Console) -> Answer:
 
 @cli.verb(
     cli.flag("--ports", "list the serial ports only, USB devices first"),
-    cli.flag("--ask", "open each port and identify its avc device; some boards, such as Arduino, restart by this"),
+    cli.flag("--ask", "open each port and identify its avc device; this restarts some boards, such as Arduino"),
     cli.BAUD,
 )
 def run_doctor(args: argparse.Namespace, console: Console) -> Answer:
@@ -172,8 +173,8 @@ def _avc_device(port: str, baud: int) -> AvcDevice:
 def run_accuracy(args: argparse.Namespace, console: Console) -> Answer:
     """Measure time and error of the paper's methods and solvers, over tolerances.
 
-    Tolerances are 1e-2 to 1e-12. Errors count from the true optimum, which `exact` computes by
-    geometry. This takes about a minute.
+    Tolerances are 1e-2 to 1e-12. An error is the distance to the true optimum, which the method
+    `exact` computes by geometry. This takes about a minute.
     """
     from avc_casadi.design.comparison.accuracy import Accuracy, solver_costs
 
@@ -192,9 +193,9 @@ def run_accuracy(args: argparse.Namespace, console: Console) -> Answer:
 def run_table1(args: argparse.Namespace, console: Console) -> Answer:
     """Reproduce the paper's Table 1 with simulated hands.
 
-    The table says which walls are stable, and which coupling feels like the wall.
-    VE4 to VE6 are calibrated to the paper's column without coupling; all else is predicted.
-    This takes a minute for any number of hands.
+    The table shows with which couplings a wall is stable, and which coupling feels most like the wall.
+    Walls VE4 to VE6 are fitted to the paper's column without coupling; all else is predicted.
+    This takes about a minute, with few hands too.
     """
     from avc_casadi._util.parallel import cluster, processors
     from avc_casadi.design.comparison.table1 import table1

@@ -23,9 +23,9 @@ _LEAST_STROKE_STEPS = 12
 _DEVICE = "device file or problem with what you know of the device"
 _PORT = "choose the serial port (default: `emulator`, a model of the device)"
 _SIGNAL = "choose multisine (all frequencies at once, default) or chirp (a sweep)"
-_ON_BENCH = "with --port emulator: emulate this device instead, unknown to the plan"
+_ON_BENCH = "emulate this device instead of DEVICE, to test a plan on another device (--port emulator)"
 _BASE = "take values that the logs do not determine from this device or problem"
-_DECLARED = "compare with this device, or with a problem and its hands"
+_DECLARED = "compare the log with this device file, or with a problem file and its hands"
 
 
 @cli.verb(
@@ -44,9 +44,9 @@ _DECLARED = "compare with this device, or with a problem and its hands"
 def run_excite(args: argparse.Namespace, console: Console) -> Answer:
     """Excite a device and log its motion for `avc identify`.
 
-    The plan is first simulated on every corner of [device.range], and refused if it exceeds a limit.
-    The firmware checks force, speed and travel at every tick, and keeps the device near its position.
-    Do not touch the device meanwhile. At the end its force is 0.
+    The motion is first simulated for all corners of [device.range]; beyond a limit it is refused.
+    The firmware checks force, speed and travel at every tick, and keeps the device near its start.
+    Do not touch the device during the motion. At the end its force is 0.
     """
     from avc_casadi.identification.excitation import plan_excitation
 
@@ -106,7 +106,7 @@ def _excitation_fault(log: avc_hardware.ExcitationLog, stroke_m: float, encoder_
 def run_identify(args: argparse.Namespace, console: Console) -> Answer:
     """Identify a device from logs of time, position and commanded force.
 
-    The device file has each value with its source and 95 % interval.
+    The device file has each value, its source and its 95 % interval.
     To use it, write device = "device.toml" in a problem file.
     """
     from avc_casadi.identification.device import device_text
@@ -131,15 +131,15 @@ def run_identify(args: argparse.Namespace, console: Console) -> Answer:
 @cli.verb(
     *cli.LOGS,
     cli.argument("--device", metavar="D", text=_DECLARED),
-    cli.argument("--coupling", metavar="FILE", text="compare with the coupling file that should have run"),
+    cli.argument("--coupling", metavar="FILE", text="compare the log with this coupling file, which should have run"),
     cli.plot("each log"),
     cli.VERBOSE,
 )
 def run_diagnose(args: argparse.Namespace, console: Console) -> Answer:
     """Diagnose why a device oscillates, from a log.
 
-    The answer names the cause, the evidence, and a remedy that was simulated.
-    It may also be that nothing is wrong, or that the log cannot decide; then it names a log that would.
+    The answer names the cause, the evidence, and a remedy that was tried in a simulation.
+    Or it says that nothing is wrong. If the log cannot decide, it says which log would decide.
     The logs are those that `avc identify` reads.
     """
     from avc_casadi.diagnose.causes import diagnose

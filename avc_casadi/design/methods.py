@@ -85,12 +85,12 @@ def _noted(problem: Problem, method: Method, gains: GainSchedule) -> GainSchedul
     require = problem.realism.require
     if require != "none" and not method.keeps_realism:
         keepers = ", ".join(name for name, known in METHODS.items() if known.keeps_realism)
-        notes.append(f'{gains.method} does not support realism.require = "{require}"; methods that keep it: {keepers}')
+        notes.append(f'{gains.method} does not support realism.require = "{require}"; methods that do: {keepers}')
     unused = [key for key in declared(problem) if key in _UNUSED_RANGES]
     if unused and not method.keeps_ranges:
         notes.append(
-            f"designed for the nominal value of {', '.join(unused)}: a design keeps its claim over "
-            f"the ranges of mass and damping; certify judges every corner of the others"
+            f"designed for the nominal value of {', '.join(unused)}: a design covers the ranges of mass and damping "
+            "only; avc certify judges every corner of the other ranges"
         )
     notes += _credit_notes(problem, method)
     return replace(gains, notes=(*gains.notes, *notes), definition=problem)
@@ -106,7 +106,7 @@ def _credit_notes(problem: Problem, method: Method) -> list[str]:
         return [f"Re Z_h counts {credit:g} {unit} of the hand's damping (schedule.hand_damping_ns_per_m)"]
     crediting = ", ".join(name for name, known in METHODS.items() if known.credits_hand)
     note = (
-        f"schedule.hand_damping_ns_per_m is not credited: it counts in Re Z_h of method {crediting}, "
+        f"schedule.hand_damping_ns_per_m is not used: only method {crediting} adds it to Re Z_h, "
         "and not with scope hands"
     )
     return [note]

@@ -239,7 +239,7 @@ def program_answers(
 def solve_robust(problem: Problem, *, progress: Progress = SILENT) -> GainSchedule:
     """Solve by the law of the program, in ``state_feedback``; every row has the same gains."""
     if why := why_no_law(problem):
-        raise UnsupportedError(f"{problem.name}: robust: {why}; use another method, such as static")
+        raise UnsupportedError(f"{problem.name}: method robust: {why}; use another method, such as static")
     started = time.perf_counter()
     with progress.step("observer law"):
         answer = next(iter(program_answers(problem)), None)

@@ -56,8 +56,8 @@ def scene_notes(problem: Problem) -> list[str]:
     if designed == declared:
         return []
     note = (
-        f"the scene names no coupling: {problem.scene.coupling}, designed for {designed:g} samples of delay, simulated "
-        f"with {declared:g}; avc recommend P --out c.json makes one for this device, for --gains c.json"
+        f"the scene names no coupling: it uses {problem.scene.coupling}, designed for {designed:g} samples of delay "
+        f"and simulated with {declared:g}; for this device: avc recommend P --out c.json, then --gains c.json"
     )
     return [note]
 

@@ -283,9 +283,8 @@ def static_coupling(problem: Problem, condition: StaticCondition = "llewellyn") 
     """Return the constant coupling of least mean squared relative error that a condition allows, without tolerance."""
     if problem.device.damping_ns_per_m == 0:
         raise UnsupportedError(
-            "static needs device.damping_ns_per_m > 0: with 0 neither Llewellyn's condition (6) nor "
-            "passivity at all frequencies allows a coupling; use closed-form, exact or direct, which solve one "
-            "frequency alone",
+            "device.damping_ns_per_m is 0; method static needs a value above 0: otherwise neither Llewellyn's "
+            "condition (6) nor passivity at all frequencies allows a coupling; use closed-form, exact or direct",
             key="device.damping_ns_per_m",
         )
     search = StaticSearch(problem, condition, SampledLoop.of(problem))

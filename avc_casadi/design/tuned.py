@@ -67,9 +67,9 @@ class StaticTuned:
         if self.gains is None:
             return self.reason
         return (
-            f"tuned constant gains: error {100 * self.error:.4g} %; linearly stable with every hand with "
-            f"{quantity(self.reserve_ns_per_m, damping)} of damping in reserve; "
-            f"{self.hands} hands (seed {_SEED}) at rest in the scene"
+            f"tuned constant gains: error {100 * self.error:.4g} %; linearly stable with every hand if "
+            f"{quantity(self.reserve_ns_per_m, damping)} of damping are missing; "
+            f"{self.hands} hands (seed {_SEED}) come to rest in the scene"
         )
 
 
@@ -84,8 +84,8 @@ def tune_static(problem: Problem, *, draws: int = 32, raises: int = 8, progress:
     kinds = {effect.kind for effect in scene_effects(problem)}
     if "hand" not in kinds:
         raise UnsupportedError(
-            f"{problem.name}: static-tuned tries the hands of [hands] in the scene, which needs the effect hand "
-            f"there; listed: {', '.join(sorted(kinds))}"
+            f"{problem.name}: the scene has no hand, and static-tuned tries the hands of [hands] in it; add the effect "
+            f"hand to: {', '.join(sorted(kinds))}"
         )
     hands = hand_set(problem.hands, draws=draws, seed=_SEED)
     damping_unit = problem.units.unit("N.s/m")
@@ -107,8 +107,8 @@ def tune_static(problem: Problem, *, draws: int = 32, raises: int = 8, progress:
         if rested == len(hands):
             return StaticTuned(gains, _rms_error(problem, gains), reserve, rested, len(hands))
         why = (
-            f"no constant gains of [coupling] make every hand settle in the scene: {rested} of {len(hands)} with the "
-            "last; narrow [hands], widen the box of [coupling], add device damping or soften the wall"
+            f"no constant gains of [coupling] make every hand settle in the scene: the last gains settle {rested} of "
+            f"{len(hands)}; narrow [hands], widen [coupling], add device damping or soften the wall"
         )
         reserve *= _RAISE
     return StaticTuned(None, np.inf, reserve / _RAISE, rested, len(hands), why)

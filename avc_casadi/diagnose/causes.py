@@ -214,10 +214,12 @@ def diagnose(  # noqa: PLR0913 - options by name, of a public call
     grid, notes = log_of(columns, flip_force=flip_force)
     design = _design(device, hands, grid, columns, handle_radius_m)
     if not design.known:
-        notes.append("no device given: a typical device is assumed, up to 50 times off; give --device")
+        notes.append(
+            "no device given: a typical device is assumed, which may be wrong by a factor of 50; give --device"
+        )
     limit = design.device.max_force_n
     if limit is not None and np.mean(np.abs(grid.force_n) > _OVER_LIMIT * limit) > _OVER_LIMIT_SHARE:
-        notes.append("the log commands more than max_force_n, which is ignored: check the limit and the units")
+        notes.append("the log has larger forces than max_force_n; the limit is ignored: check the limit and the units")
         limit = None
         design = replace(design, device=design.device.model_copy(update={"max_force_n": None}))
     with progress.step("oscillation and force"):
@@ -240,9 +242,9 @@ def _design(
     """Return the intended loop, a usual device on a desk where none is given; refuse a log that is not of it."""
     message = ""
     if device is not None and device.motion != columns.motion:
-        message = f"is {columns.motion} by its units, and the device is {device.motion}; allowed: its own motion"
+        message = f"is {columns.motion} by its units; allowed: {device.motion}, as the device"
     elif device is None and columns.motion == "rotary" and radius_m is None:
-        message = "is of a rotary device; give --handle-radius-m, the radius at which the hand holds it, or --device"
+        message = "has the units of a rotary device; give --handle-radius-m (from the axis to the hand), or --device"
     elif not np.ptp(log.position_m) and np.ptp(log.force_n):
         message = "never changes, and the force does; allowed: a device that moves; is the encoder stuck?"
     if message:
@@ -273,8 +275,8 @@ def _at_once(diagnosis: Diagnosis) -> Diagnosis | FittedLaw:
         return _concluded(diagnosis, "not the loop", text)
     if law is None or not law.explains:
         text = (
-            "the force is not that of a spring and a damper on the position, with a dead zone, a filter or a clock of"
-            " its own, nor of a switch or two rates"
+            "no known law explains the force: spring and damper, with a dead zone, a filter or a clock of its own; a"
+            " switched force; or two rates"
         )
         if law is None and not log.force_n.any():
             text = "no force is commanded"
@@ -323,7 +325,7 @@ def _with_rest(diagnosis: Diagnosis, text: str) -> str:
     rest_s = swing.rest_from_s(diagnosis.log)
     if rest_s is None:
         return text
-    return f"it swung at {number(swing.frequency_hz, 3)} Hz and stands still from {number(rest_s, 3)} s on; {text}"
+    return f"it oscillated at {number(swing.frequency_hz, 3)} Hz and stands still from {number(rest_s, 3)} s on; {text}"
 
 
 def _concluded(diagnosis: Diagnosis, verdict: Verdict, text: str, decides: str = "") -> Diagnosis:
@@ -335,9 +337,9 @@ def _decay_words(diagnosis: Diagnosis, law: FittedLaw, mass: float, *, toggles: 
     """Return why nothing is wrong, and what a hand may hide."""
     design = diagnosis.design
     steps = f", but for {100 * law.misfit:.0f} % that encoder steps make," if law.misfit > _FORCE_EXPLAINED else ""
-    text = f"the force is explained{steps} and the motion decays"
+    text = f"the law explains the force{steps} and the motion decays"
     if toggles:
-        text += ", but for an encoder step that is not felt"
+        text += ", except for an encoder step that is not felt"
     low, high = _DEVICE_ALONE
     device_alone = design.known and low < mass / design.device.mass_kg < high
     return text if device_alone else text + "; a hand on the device may hide a wrong sign of the force"
@@ -355,8 +357,8 @@ def _of_sign(diagnosis: Diagnosis, law: FittedLaw, mass: float) -> Diagnosis | N
     low, high = _ABOUT_DEVICE
     alone = diagnosis.design.known and low < abs(mass) / device.mass_kg < high
     if simple and away and not (alone and mass > 0):
-        message = "drives the device away from its equilibrium; allowed: force along +position, or --flip-force"
-        raise InputError.of(f"{message}; or the sign of the loop is wrong", file=log.name, key="force")
+        message = "drives the device away from rest; allowed: a force that is positive along +position, or --flip-force"
+        raise InputError.of(f"{message}; otherwise the loop has a wrong sign", file=log.name, key="force")
     why = "the motor or the encoder is reversed"
     if away:
         why = "the spring"
@@ -370,7 +372,7 @@ def _of_sign(diagnosis: Diagnosis, law: FittedLaw, mass: float) -> Diagnosis | N
             turned = Remedy("stiffness_n_per_m", -k, k, "stiffness")
         right_law = replace(law, stiffness_n_per_m=abs(k), damping_ns_per_m=abs(b))
         remedies = (turned,) if stable(Hypothesis(device, None), right_law) else ()
-        text = f"{CAUSES['sign'].name}: it pushes the way the device moves; {why}"
+        text = f"{CAUSES['sign'].name}: the force pushes in the direction of the motion; {why}"
         return replace(
             diagnosis, verdict="named", cause="sign", candidates=("sign",), conclusion=text, remedies=remedies
         )
@@ -458,7 +460,7 @@ def _judge(diagnosis: Diagnosis, law: FittedLaw, fits: Sequence[PlantFit]) -> Di
     diagnosis = replace(diagnosis, shares=shares, fit=fit, remedies=tuple(dict.fromkeys(remedies)))
     if not doubts:
         words = f"{CAUSES[first].name}: {cause_numbers(first, fit.best, law, log, diagnosis.swing, design)}"
-        words += "; travel stops bound the swing" if fit.best.stops is not None else ""
+        words += "; travel stops limit the motion" if fit.best.stops is not None else ""
         return replace(diagnosis, verdict="named", cause=first, candidates=(first,), conclusion=words)
     names = " or ".join(CAUSES[key].name for key in candidates) or "none of the causes it knows"
     logs = [] if outside else [CAUSES[key].deciding_log for key in candidates]

@@ -260,7 +260,7 @@ def log_of(columns: Columns, *, flip_force: bool = False) -> tuple[Log, list[str
     position = columns.position_m[begin:end]
     force = columns.force_n[begin:end] * (1.0 if flip_force else -1.0)
     if pauses.size:
-        notes.append(f"{pauses.size} pauses in the log; the longest stretch is used, {time.size} samples")
+        notes.append(f"{pauses.size} gaps in the log; only the longest part is used, {time.size} samples")
 
     sample_steps = ticks_between(np.diff(time), usual_step_s)
     sample_of_row = np.concatenate([[0], np.cumsum(sample_steps)])

@@ -53,7 +53,7 @@ def cause_numbers(
         "rate": f"a new force every {number(1e3 * log.period_s, 3)} ms{late}",
         "stiffness": f"k = {spring}{released}",
         "damping": f"b = {damper}{released}",
-        "let-go": "it rested in contact before; without a hand it swings",
+        "let-go": "the device was at rest in contact; without a hand it oscillates",
         "encoder": f"{number(swing.steps, 2)} steps peak to peak, b = {damper}",
     }
     if mode:

@@ -106,9 +106,9 @@ def as_admittance(problem: AnyAdmittance) -> AdmittanceProblem:
 def _of_tables(tables: Mapping[str, Any], name: str) -> AdmittanceProblem | list[Any]:
     device = tables.get("device")
     if isinstance(device, Mapping) and "from" in device:
-        return [(("device", "from"), "is no key of an admittance device; allowed: all of its values in [device]")]
+        return [(("device", "from"), "is not supported for an admittance device; state all values in [device]")]
     if isinstance(device, Mapping) and device.get("drive") == "position":
-        allowed = 'allowed: "velocity"; of a drive of positions, state the velocity with which it follows a moving one'
+        allowed = 'allowed: "velocity"; for a drive that follows a position, state how it follows a changing position'
         return [(("device", "drive"), f'is "position"; {allowed}')]
     border = Border()
     border.read(tables, *border.device_table(tables.get("device"), {}))

@@ -102,7 +102,7 @@ class Border:
             name = units.inner(key)
             place = (*written, key)
             if units.key(key) != key:
-                self.fault(place, f'is a key of a linear device; allowed: {units.key(key)}, as motion is "rotary"')
+                self.fault(place, f'is a key of a linear device; use {units.key(key)}, because motion is "rotary"')
                 if units.key(key) in value:
                     continue
             self._written[*path, name] = place
@@ -134,7 +134,8 @@ class Border:
         units = units_for("rotary" if motion == "rotary" else "linear")
         if base and motion != before:
             self.fault(
-                (table, "motion"), f'is {t.shown(motion)}, but that of `from` is "{before}"; use it, or leave it out'
+                (table, "motion"),
+                f'is {t.shown(motion)}; allowed: "{before}", as in the device of `from`, or leave it out',
             )
         self._radius_m = None if units.linear else _radius_m({**base, **device})
         stated = self.inner(device, units, (table,), (table,), self._radius_m)

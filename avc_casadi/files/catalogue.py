@@ -69,7 +69,7 @@ def device_path(source: str | Path, folder: Path | None = None) -> Path | str:
     name = source.removeprefix(DEVICES)
     if name in names:
         return names[name]
-    allowed = "allowed: a name of `avc list`, or a path to .toml"
+    allowed = "allowed: a name that `avc list` shows, or the path of a .toml file"
     return f"is {shown(source)}, not a built-in device{_near(name, names)}; {allowed}"
 
 
@@ -124,7 +124,7 @@ def catalogue_path(name: str) -> Path:
         return names[name]
     device = name.removeprefix(DEVICES)
     if device in device_names():
-        message = f'is a device, not a problem; write device = "{device}" in a problem file, or see it by `avc check`'
+        message = f'is a device, not a problem; write device = "{device}" in a problem file; `avc check` shows it'
         raise InputError.of(message, file=name)
     message = f"is neither a file nor a built-in problem{_near(name, names)}; `avc list` shows all problems"
     raise InputError.of(message, file=name)

@@ -214,7 +214,7 @@ class PairDocument(_Document):
     def faults(self) -> Iterator[t.Finding]:
         """Yield a problem without the other end."""
         if self.problem_file.end.kind != self.end:
-            yield ("problem_file", self.end), "is missing; allowed: the table of the other end"
+            yield ("problem_file", self.end), f"is missing; allowed: the table [{self.end}] of the problem"
 
     def coupling(self) -> Coupling:
         """Return the coupling."""
@@ -293,13 +293,13 @@ def read_file(path: str | Path) -> Coupling | GainTable:
     with in_keys_of(units):
         document = units.read(document)
         if document.pop("schema", None) != COUPLING_SCHEMA:
-            raise InputError.of(f'is not "{COUPLING_SCHEMA}", that of a coupling; {NEXT_STEP}', file=file, key="schema")
+            raise InputError.of(f'is not "{COUPLING_SCHEMA}", as in a coupling; {NEXT_STEP}', file=file, key="schema")
         to_wall = document.get("end", Wall.kind) == Wall.kind
         kind: type[WallDocument | PairDocument] = WallDocument if to_wall else PairDocument
         valid = t.valid(kind, document, file)
         coupling: Coupling = valid.coupling()
         if valid.id != coupling.id:
-            message = f"is {t.shown(valid.id)}, and what the file holds is {coupling.id!r}: the file was edited"
+            message = f"is {t.shown(valid.id)}, but the content has the id {coupling.id!r}: the file was edited"
             raise InputError.of(f"{message}; make it again: avc recommend P --out FILE", file=file, key="id")
         return replace(coupling, certificate=valid.certificate, trial=valid.trial, versions=valid.versions)
 
@@ -329,8 +329,8 @@ def read_coupling(path: str | Path, problem: AnyProblem | None = None) -> Coupli
         if isinstance(content, Coupling):
             return content
         message = (
-            "is a table of gains alone; it lacks the problem (wall, hands, device, force limit) and the runtime parts. "
-            "Give the problem that it was made for: --problem P, or read_coupling(path, problem)"
+            "is a table of gains without the problem (wall, hands, device, force limit); give the problem that it was "
+            "made for: --problem P, or read_coupling(path, problem)"
         )
         raise InputError.of(message, file=file)
     stated = require_device(problem)
@@ -338,7 +338,7 @@ def read_coupling(path: str | Path, problem: AnyProblem | None = None) -> Coupli
         return coupling_beside(stated, content, file)
     if same_problem(stated, content.problem):
         return content
-    message = f"carries its own problem, {content.problem.name}, and {stated.name} is another; leave it out"
+    message = f"is {stated.name}, but the coupling file contains another problem, {content.problem.name}; leave it out"
     raise InputError.of(message, file=file, key="problem")
 
 

@@ -68,12 +68,15 @@ class DeviceFile(t.Table):
             source = self.sources.get(key)
             # A lag has no damping ratio, and most files give a lag.
             if not stated and key not in (*self.gaps, "amplifier_damping_ratio"):
-                yield ("device", key), f"is missing; give a value with its source, or list {key} in gaps"
+                yield ("device", key), f"is missing; give a value and its source, or add {key} to gaps (unknown values)"
             if stated != (source is not None):
                 fact = "is missing" if stated else "is the source of a missing value; delete it, or give the value"
                 yield ("sources", key), f"{fact}; allowed: source and grade of every value of [device]"
             elif source is not None and key in self.gaps and source.grade != "assumed":
-                yield ("sources", key, "grade"), f'is {t.shown(source.grade)}, but {key} is a gap; allowed: "assumed"'
+                yield (
+                    ("sources", key, "grade"),
+                    f'is {t.shown(source.grade)}, but {key} is listed in gaps; allowed: "assumed"',
+                )
 
 
 def load_device(source: str | Path) -> DeviceFile:

@@ -92,7 +92,7 @@ def modelled_joint(path: Path, name: str) -> ModelledJoint:
     kind = int(model.jnt_type[joint])
     hinge, slide = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
     if kind not in (hinge, slide):
-        raise UnsupportedError(f"is {name!r}, neither a hinge nor a slide; allowed: these", key="--joint")
+        raise UnsupportedError(f"joint {name!r} is neither a hinge nor a slide; name such a joint", key="--joint")
     poses = _Poses(model, joint)
     sampled = poses.sampled()
     least = least_over_poses(poses.yielding_kg, sampled, poses.limits)
@@ -167,7 +167,7 @@ class _Poses:
         if slides := [
             model.joint(index).name for index in endless if model.jnt_type[index] == slide and index != joint
         ]:
-            raise InputError.of(f"has slides without limits: {', '.join(slides)}; give each its range", key="--model")
+            raise InputError.of(f"has slides without limits: {', '.join(slides)}; give each a range", key="--model")
         ends = model.jnt_range.copy()
         # A hinge without limits turns once; a slide without limits of its own changes no inertia of itself.
         ends[endless] = -np.pi, np.pi

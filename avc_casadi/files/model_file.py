@@ -101,7 +101,7 @@ def mujoco_model(path: Path) -> Any:
         raise InputError.of(f"{str(path)!r} cannot be loaded by MuJoCo: {reason}", key="--model") from error
     if model.neq:
         message = f"{str(path)!r} has {model.neq} equality constraints, which close loops or couple joints"
-        raise UnsupportedError(f"{message}; allowed: none, or --mass in place of --model", key="--model")
+        raise UnsupportedError(f"{message}; allowed: a model without them; or use --mass instead", key="--model")
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
     return model
 

@@ -38,7 +38,7 @@ class NewAdmittance(Draft):
 
     def faults(self) -> list[Fault]:
         """Return all faults of the values, and a hold that such devices do not know."""
-        unheld = 'is "stylus"; of an admittance device: grip, wheel, fingertip, foot or other'
+        unheld = 'is "stylus"; allowed for an admittance device: grip, wheel, fingertip, foot or other'
         return [*([Fault("", None, "--held", unheld)] if self.held == "stylus" else []), *super().faults()]
 
     def problem(self) -> AdmittanceProblem:

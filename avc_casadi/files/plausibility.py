@@ -103,7 +103,7 @@ def _doubts(problem: Problem) -> Iterator[_Doubt]:
     yield _Doubt(given and is_lag, "device.amplifier_damping_ratio", message)
     yield _Doubt(ranged and is_lag, "device.range.amplifier_damping_ratio", message)
     beyond = device.backlash_m > 0 and encoder_at_handle and not rigid
-    message = "is play between motor and encoder; an encoder at the handle stands beyond it"
+    message = "is play between motor and encoder, and has no effect with an encoder at the handle"
     yield _Doubt(beyond, "device.backlash_m", message)
     stuck = limit_n is not None and device.coulomb_friction_n >= limit_n
     message = "is at least device.max_force_n: the actuator cannot move the device"

@@ -59,7 +59,7 @@ def load_problem(source: str | Path) -> Problem:
     names = {file: name for name, file in catalogue_names().items()}
     text = text_of(path)
     if text.lstrip().startswith(("{", "frequency_hz,")):
-        message = "is a coupling or gain file; allowed: a problem file (TOML). avc certify and export take it"
+        message = "is a coupling or gain file; allowed: a problem file (TOML). Use it with avc certify or avc export"
         raise InputError.of(message, file=str(path))
     return parse_problem(text, file=str(source), name=names.get(path.resolve(), path.stem), folder=path.parent)
 
@@ -108,7 +108,7 @@ def require_device(problem: AnyProblem) -> Problem:
     loaded = load_any(problem)
     if isinstance(loaded.device, NoDevice):
         fact = f"{loaded.name or 'it'} is a joint that an engine moves, without a device and a hand"
-        raise UnsupportedError(f"{fact}; ask avc certify P --kp KP --kd KD, or avc recommend P", key="device")
+        raise UnsupportedError(f"{fact}; use avc certify P --kp KP --kd KD, or avc recommend P", key="device")
     return loaded
 
 
@@ -139,7 +139,7 @@ def require_wall(problem: AnyProblem) -> Problem:
     wall, end = loaded.wall, loaded.end
     if not (isinstance(end, Wall) or wall.stiffness_n_per_m or wall.damping_ns_per_m):
         fact = f"{loaded.name or 'it'} couples to a [{end.kind}], not a wall"
-        raise UnsupportedError(f"{fact}; ask avc recommend, avc certify P --k K --b B", key="environment")
+        raise UnsupportedError(f"{fact}; use avc recommend P, or avc certify P --k K --b B", key="environment")
     return loaded
 
 

@@ -28,7 +28,7 @@ def text_of(path: Path, next_step: str = NEXT_STEP) -> str:
 def tables_of(text: str, file: str) -> dict[str, Any]:
     """Parse TOML; a syntax error is reported with its line."""
     if not text.strip():
-        raise InputError.of("is empty; allowed: at least the tables device and environment", file=file)
+        raise InputError.of("is empty; allowed: at least the tables [device] and [environment]", file=file)
     # The parser's time grows with the square of a key's length: a file of dots would hang it.
     dots = r"""(?<![\w-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){32}"""
     long_key = re.search(dots, text, re.ASCII)
@@ -42,7 +42,7 @@ def tables_of(text: str, file: str) -> dict[str, Any]:
     except RecursionError as error:
         raise InputError.of("is nested too deeply; allowed: tables as in the catalogue", file=file) from error
     except ValueError as error:  # of the integer conversion, without a line
-        message = "has an integer of thousands of digits; allowed: numbers as in the catalogue"
+        message = "has an integer of thousands of digits; allowed: numbers as in the built-in problems"
         raise InputError.of(message, file=file) from error
 
 
@@ -54,9 +54,11 @@ def _syntax_fault(parser_message: str, text: str, file: str) -> Fault:
     where = f" at column {place[2]}" if place else " at the end of the file"
     content = text.split("\n")[line - 1].strip() or "an empty line"
     if re.match("Cannot overwrite a value|Cannot declare .* twice", reason):
-        message = f"repeats a key or table: {visible(content)}; allowed: each once"
+        message = f"repeats a key or table: {visible(content)}; allowed: each key or table once"
         if content.startswith("[device]"):
-            message += ', a device of a file with other values as [device] with from = "name" and the keys that differ'
+            message += (
+                '; to change values of a named device, write [device] with from = "name" and the keys that differ'
+            )
         return Fault(file, line, "", message)
     return Fault(file, line, "", f"is not TOML{where}: {visible(reason.lower())}, in: {visible(content)}")
 

@@ -208,7 +208,7 @@ def _put_estimates(file: _File, result: Identification, measurement: str) -> Non
         if estimate is None or not (estimate.identified or _bounds_its_value(estimate)):
             continue
         value, ends = _significant(estimate)
-        lag = "; the lag of the amplifier is in it" if key == "delay_samples" and not _lags(result) else ""
+        lag = "; includes the lag of the amplifier" if key == "delay_samples" and not _lags(result) else ""
         file.put(
             key,
             value,
@@ -229,7 +229,7 @@ def _put_resonance(file: _File, result: Identification, measurement: str) -> Non
     ranges: dict[str, tuple[float, float]] = {}
     for key in _MODE_KEYS:
         mode[key], ranges[key] = _significant(result.estimates[f"resonance.{key}"])
-    doubt = "" if result.estimates[MASS_RATIO].identified else "; how the mass divides is assumed"
+    doubt = "" if result.estimates[MASS_RATIO].identified else "; the mass ratio is assumed"
     file.put("resonance", mode, ranges, "measured", f"{measurement}: prediction error, two masses{doubt}")
     file.device["encoder_at"] = result.encoder_at
 
@@ -241,7 +241,7 @@ def _fill(file: _File, base: DeviceFile | None, gaps: list[str]) -> None:
             continue  # its lag is in the delay
         if base is not None and states(base, key):
             if key in _PARAMETERS:
-                file.take(base, key, f"{base.name}; the logs do not determine it")
+                file.take(base, key, f"{base.name}; the logs do not determine this value")
                 value = file.device[key]
                 file.ranges.setdefault(key, (value / _RANGE_OF_GUESS, value * _RANGE_OF_GUESS))
             else:
@@ -249,7 +249,7 @@ def _fill(file: _File, base: DeviceFile | None, gaps: list[str]) -> None:
                 if key not in base.gaps:
                     gaps.remove(key)
         elif key == "delay_samples":
-            source = "not identified; one sample stands for the link to the computer"
+            source = "not identified; one sample is assumed for the link to the computer"
             file.put(key, 1.0, (0.0, 2.0), "assumed", source)
 
 
@@ -289,11 +289,11 @@ def check_against(records: Sequence[Record], base: DeviceFile) -> None:
     limit = device.max_force_n if states(base, "max_force_n") else None
     if limit is not None and np.mean(force > _OVER_LIMIT * limit) > _MOST_OVER_LIMIT_SHARE:
         key = device.units.key("max_force_n")
-        message = f"goes above device.{key} of {base.name}, {number(limit)}; allowed: the force that acts"
+        message = f"is above device.{key} of {base.name}, {number(limit)}; log the limited force, or check the units"
         faults.append(Fault(records[0].name, None, "force", message))
     ticks = records[0].sample_time_s / device.sample_time_s
     if states(base, "sample_time_s") and round(ticks) > 1 and abs(ticks / round(ticks) - 1) < _WHOLE_TICKS:
-        message = f"steps by {round(ticks)} times device.sample_time_s of {base.name}; allowed: every tick of the loop"
+        message = f"has steps of {round(ticks)} times device.sample_time_s of {base.name}; log every sample of the loop"
         faults.append(Fault(records[0].name, None, "time", message))
     if faults:
         raise InputError(faults)

@@ -281,9 +281,9 @@ def plan_excitation(
     friction = max(device.coulomb_friction_n for device in devices)
     if steps < _FEWEST_STEPS or plan.peak_force_n < _LEAST_OVER_FRICTION * friction:
         raise InputError.of(
-            f"leave a force of {number(plan.peak_force_n)}, which moves a device of the ranges by {number(steps)} "
-            f"encoder steps only (its friction: up to {number(friction)}); allowed: more force, speed or travel, or "
-            "narrower ranges",
+            f"allow a force of {number(plan.peak_force_n)} only. It moves a device of the ranges by {number(steps)} "
+            f"encoder steps (its friction: up to {number(friction)}), too little; allow more force, speed or travel, "
+            "or narrow the ranges",
             key="limits",
         )
     return Excitation(plan, tuple(devices), after)
@@ -474,9 +474,9 @@ def _scale_to_limits(plan: Plan, devices: Sequence[Device], progress: Progress) 
     reached = _share_of_limits(plan, devices, scales, progress)
     if reached[0] > 1:
         raise InputError.of(
-            f"would be exceeded with a force of {number(_LEAST_SCALE * plan.max_force_n)} already by a device of the "
-            f"ranges (speed {number(plan.max_speed_m_per_s)}, travel {number(plan.max_travel_m)}); allowed: wider "
-            "limits or narrower ranges",
+            f"(speed {number(plan.max_speed_m_per_s)}, travel {number(plan.max_travel_m)}) are exceeded by a device "
+            f"of the ranges with a force of {number(_LEAST_SCALE * plan.max_force_n)} already; raise the limits, or "
+            "narrow the ranges",
             key="limits",
         )
     ratio = scales[1] / scales[0]

@@ -107,7 +107,7 @@ def _identification(ladder: Ladder, notes: list[str], step_m: float | None, *, o
     if not white:
         notes.append(
             "the prediction error is not white: something outside the model moves the device (a hand, play, "
-            "a stop, a cable, friction of another kind), and intervals may not hold the truth"
+            "a stop, a cable, friction of another kind), and intervals may miss the true value"
         )
     rungs = fit.structure.rungs
     if "spring" in rungs:
@@ -187,10 +187,10 @@ def _check(records: Sequence[Record], base: DeviceFile | None, handle_radius_m: 
     seconds = sum(record.seconds for record in records)
     faults = []
     if len(motions) > 1 or (base is not None and base.device.motion not in motions):
-        message = "mix linear and rotary devices; give logs and a base of one motion"
+        message = "mix linear and rotary devices; give logs and a --device of the same motion"
         faults.append(Fault("", None, "logs", message))
     if seconds < _SHORTEST_LOGS_S:
-        message = f"hold {number(seconds)} s in all; allowed: at least 1 s"
+        message = f"have {number(seconds)} s in all; allowed: at least 1 s"
         faults.append(Fault("", None, "logs", message))
     if motions == {"linear"} and handle_radius_m is not None:
         faults.append(Fault("", None, "handle_radius_m", "applies to logs in rad only; leave it out"))
@@ -209,19 +209,19 @@ def _check_motion(records: Sequence[Record], step_m: float | None) -> None:
     skip = Partition.of(Predictor(records)).skip
     if steps < _FEWEST_STEPS:
         message = (
-            f"move over {number(steps, 2)} steps of the encoder only; allowed: more force, or lower frequencies: a "
-            "travel of 50 steps and more"
+            f"move over {number(steps, 2)} steps of the encoder only; use more force or lower frequencies, for a "
+            "travel of 50 steps or more"
         )
     elif not any(np.ptp(record.position_m[skip:]) for record in records):
         message = (
-            f"move in the first {number(skip * records[0].sample_time_s)} s only, which the model needs to begin; "
-            "allowed: longer motion (a multisine, as avc excite plays)"
+            f"move in the first {number(skip * records[0].sample_time_s)} s only, which the model needs as its start; "
+            "log a longer motion (such as the multisine of avc excite)"
         )
     elif only_feedback(records):
         message = (
-            "have a force that is only a spring and a damper on the measured position, while the device "
-            "keeps moving: something unlogged moves it; log an additional force without a hand (a multisine, "
-            "as avc excite plays)"
+            "have a force of a spring and a damper on the measured position only, but the device keeps moving: "
+            "something that is not logged moves it; add a force of another kind (such as the multisine of avc excite), "
+            "and log it without a hand"
         )
     else:
         return
@@ -237,7 +237,9 @@ def _check_start(start: Start, motion: MotionKind) -> Start:
         if not follows:
             share = number(100 * max(start.r_squared, 0.0), 2)
             reason = f"the motion hardly follows the force ({share} % of it explained)"
-            allowed = "a multisine with several times the force, free of contact; is it the force that acts, in time?"
+            allowed = (
+                "a multisine with several times the force, out of contact; is it the true force, at the right time?"
+            )
         raise InputError.of(f"give a mass of {number(mass)}: {reason}; allowed: {allowed}", key="logs")
     lowest, highest = _LIKELY_MASSES[motion]
     if not lowest <= mass <= highest:

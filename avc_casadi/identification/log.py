@@ -200,8 +200,8 @@ def records_of(columns: Columns) -> CutLog:
     pieces = [piece for piece in every_piece if piece.stop - piece.start >= shortest]
     if not pieces:
         message = (
-            f"has no {_SHORTEST} samples in a row without a gap; allowed: at least one such record; or --sample-time, "
-            "where no row is missing and the clock is written with too few digits"
+            f"has no {_SHORTEST} samples in a row without a gap; give a log with such a part. If no row is missing and "
+            "the times have too few digits, use --sample-time"
         )
         return CutLog([], [Fault(columns.file, None, "time", message)], [])
     notes = list(even.columns.notes)
@@ -236,7 +236,7 @@ def _shortest_piece(sizes: IndexArray, period_s: float) -> float:
 
 
 def _note_of_gaps(file: str, gaps: int, pieces: int, left_out: int) -> str:
-    note = f"{file}: {gaps} gap{'' if gaps == 1 else 's'} in time; taken as {pieces} record{'' if pieces == 1 else 's'}"
+    note = f"{file}: {gaps} gap{'' if gaps == 1 else 's'} in time; used as {pieces} record{'' if pieces == 1 else 's'}"
     return f"{note}, {left_out} samples in shorter pieces left out" if left_out else note
 
 
@@ -284,7 +284,7 @@ def _faults_of_order(columns: Columns) -> list[Fault]:
         (columns.line_of(int(row) + 1), f"is {number(columns.time_s[row + 1])} s, not after the row before")
         for row in np.flatnonzero(np.diff(columns.time_s) <= 0)
     ]
-    allowed = "increasing times; one file for each record; --sample-time where the stamps are coarse and no row missing"
+    allowed = "increasing times, and one recording in a file; if no row is missing, --sample-time replaces coarse times"
     return faults_of_rows(columns.file, "time", rows, allowed)
 
 
@@ -295,7 +295,7 @@ def _faults_of_wraps(columns: Columns) -> list[Fault]:
         return []
     message = (
         f"jumps over most of its range from one sample to the next, {wraps.size} time(s); allowed: a position "
-        "without jumps; add the counter's range where it wraps around"
+        "without jumps. If the counter wraps around, add its range after each jump"
     )
     return [Fault(columns.file, columns.line_of(int(wraps[0])), "position", message)]
 
@@ -386,8 +386,9 @@ def _resampled(columns: Columns) -> _EvenColumns:
         forces.append(_mean_forces(time[piece], columns.force_n[piece], even_s, period_s))
     scatter_s = float(np.std(steps[steps <= _LONGEST_STEP * period_s]))
     note = (
-        f"{columns.file}: its steps of time scatter by {number(1e3 * scatter_s, 2)} ms about "
-        f"{number(1e3 * period_s, 3)} ms; where only the stamps scatter, --sample-time says so"
+        f"{columns.file}: the times between samples scatter by {number(1e3 * scatter_s, 2)} ms about "
+        f"{number(1e3 * period_s, 3)} ms; if the samples are regular and only the time stamps scatter, "
+        "use --sample-time"
     )
     later_n = np.concatenate(forces, axis=1)
     even = Columns(

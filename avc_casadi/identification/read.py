@@ -171,7 +171,7 @@ def _mat(stream: Any) -> Mapping[str, Any]:
 
 def _bound(size: int) -> None:
     if size > MOST_BYTES:
-        raise ValueError(f"it holds {size} bytes; allowed: at most {MOST_BYTES}; cut it")
+        raise ValueError(f"it has {size} bytes; allowed: at most {MOST_BYTES}; shorten the log")
 
 
 def _arrays(arrays: Mapping[str, Any], file: str, layout: Layout) -> Columns:
@@ -347,7 +347,7 @@ def _sources(
         faults.append(Fault(file, line, "", "one column is named for two quantities; allowed: one column each"))
     turning = [quantity for quantity, source in sources.items() if _turns(quantity, source.unit)]
     if len(turning) == 1 and {"position", "force"} <= sources.keys():
-        message = "is rotary and the rest of the log is linear, by their units; allowed: rad and N.m, or m and N"
+        message = "has a rotary unit, and the rest of the log linear units; allowed: rad and N.m, or m and N"
         faults.append(Fault(file, line, turning[0], message))
     if faults:
         raise InputError(faults)
@@ -377,7 +377,7 @@ def _column(
         place = int(choice)
         return place - 1 if 1 <= place <= width else f"is column {place}; allowed: 1 to {width}"
     if headers is None:
-        return f"is not named, and there is no header; allowed: --columns {quantity}=NUMBER, 1 is the first"
+        return f"is not named, and the log has no header; name its column: --columns {quantity}=NUMBER, 1 is the first"
     if choice is not None:
         return _column_by_header(choice, headers)
     places = [index for index, (name, _) in enumerate(names) if name in _NAMES[quantity]]
@@ -398,4 +398,4 @@ def _column_by_header(choice: str | int, headers: Sequence[str]) -> int | str:
         return exact[0]
     near = difflib.get_close_matches(str(choice), headers, n=1)
     hint = f"; did you mean {near[0]!r}?" if near else ""
-    return f"is {choice!r}, not a column; allowed: {', '.join(headers[:20])}{hint}"
+    return f"is {choice!r}, not a column of the log; allowed: {', '.join(headers[:20])}{hint}"

@@ -121,12 +121,12 @@ class AdmittanceDevice(HandledDevice):
     def faults(self) -> Iterator[t.Finding]:
         """Yield a radius that is missing or means nothing, a delay that is too long, and ranges about other values."""
         if self.motion == "rotary" and self.handle_radius_m is None:
-            message = "is missing; allowed: the radius at which the hand holds what turns, 0.002 to 10 m"
+            message = "is missing; give the distance from the axis to the hand, 0.002 to 10 m"
             yield ("handle_radius_m",), message
         if self.motion == "linear" and self.handle_radius_m is not None:
             yield ("handle_radius_m",), 'applies to a rotary device only; leave it out, or set motion = "rotary"'
         if max(self.delay_samples, *(self.range.delay_samples or (0.0,))) > MOST_DELAY_SAMPLES:
-            yield ("delay_samples",), f"is above {MOST_DELAY_SAMPLES}, or its range is; allowed: at most that"
+            yield ("delay_samples",), f"is above {MOST_DELAY_SAMPLES} (or its range is); allowed: at most that"
         for key, interval in self.ranges.items():
             if not interval[0] <= self.value(key) <= interval[1]:
                 stated = f"{key} = {t.shown(self.value(key))}"

@@ -161,7 +161,7 @@ class TransferFilter(CommandFilter):
             return
         degree = len(self.denominator) - 1
         if len(self.numerator) > len(self.denominator):
-            why = f"improper: it needs future samples; allowed: at most degree {degree}, that of the denominator"
+            why = f"improper: it needs future samples; allowed: at most degree {degree}, as the denominator"
             yield ("numerator",), f"is {t.shown(self.numerator)}, of degree {len(self.numerator) - 1}, {why}"
         radius = float(np.abs(np.roots(self.denominator)).max(initial=0.0))
         if radius >= 1:
@@ -283,10 +283,13 @@ class ControlLaw(t.Table):
             why = "needs an integral; give integral_n_per_m_s"
             yield ("integral_limit_n",), f"is {t.shown(self.integral_limit_n)}, which {why}"
         if self.friction_compensation is None and not any(getattr(self, key) for key in _GAINS):
-            yield (_GAINS[0],), f"is 0, and so is every other gain; allowed: one of {', '.join(_GAINS)} other than 0"
+            yield (
+                (_GAINS[0],),
+                f"is 0, and so is every other gain; allowed: at least one other than 0, of {', '.join(_GAINS)}",
+            )
         if self.integral_n_per_m_s and not self.stiffness_n_per_m:
             why = "needs a spring, because an integral alone is unstable; give stiffness_n_per_m"
-            yield ("integral_n_per_m_s",), f"is {t.shown(self.integral_n_per_m_s)}, which {why}"
+            yield ("integral_n_per_m_s",), f"is {t.shown(self.integral_n_per_m_s)}, and {why}"
 
     def faults_beside(self, device: Device, lightest_kg: float) -> Iterator[t.Finding]:
         """Yield what of the law a device cannot run or bear; `lightest_kg` is what moves at least."""
@@ -301,7 +304,9 @@ class ControlLaw(t.Table):
         if gain > LARGEST_COMPENSATION:
             value = t.shown(self.virtual_mass_kg)
             why = f"a loop gain of {gain:.3g} at half the sample rate with a mass of {q.plain(lightest_kg)}"
-            allowed = f"allowed: up to {LARGEST_COMPENSATION}; use less of it, or a slower velocity estimate or filter"
+            allowed = (
+                f"allowed: up to {LARGEST_COMPENSATION}; use a smaller value, or a slower velocity estimate or filter"
+            )
             yield ("virtual_mass_kg",), f"is {value}, {why}; {allowed}"
 
     def _frequency_faults(self, period_s: float) -> Iterator[t.Finding]:
@@ -325,7 +330,7 @@ class ControlLaw(t.Table):
         if not isinstance(self.velocity, TicksVelocity):
             return
         if not device.encoder_resolution_m:
-            why = "is the time between steps of the encoder, and device.encoder_resolution_m is 0"
+            why = "needs encoder steps, and device.encoder_resolution_m is 0"
             yield ("velocity", "kind"), f'"ticks" {why}; give a resolution, or another velocity'
         samples = self.velocity.timeout_s / period_s
         if not 1 <= round(samples) <= _MOST_TICKS:

@@ -139,7 +139,7 @@ def _range_faults(ranges: t.Table, nominal: t.Table | None, path: t.Path) -> Ite
             continue
         value = getattr(nominal, key, None)
         if value is None:
-            yield (*path, key), f"is {t.shown(interval)}, but {key} is missing; give a value inside it"
+            yield (*path, key), f"is {t.shown(interval)}, but {key} is missing; give a value of {key} inside this range"
         elif not interval[0] <= value <= interval[1]:
             yield (*path, key), f"is {t.shown(interval)}; it must contain {key} = {t.shown(value)}"
         elif key == "mass_kg" and interval[0] == 0 < interval[1]:
@@ -152,8 +152,8 @@ def whole_delay(delay_samples: float, taker: str) -> int:
     if whole == delay_samples:
         return whole
     raise UnsupportedError(
-        f"device.delay_samples is {q.plain(delay_samples)}: {taker} takes whole samples only. Fractions work with the "
-        "pointwise methods (direct, exact, closed-form), by the certificate levels L0, L1, L3 and L5, and by scenes; "
-        f"or round the delay up to {whole + 1}",
+        f"device.delay_samples is {q.plain(delay_samples)}: {taker} supports whole samples only; round the delay up to "
+        f"{whole + 1}, or use the methods direct, exact or closed-form, the certificate levels L0, L1, L3 and L5, or "
+        "scenes, which support fractions",
         key="device.delay_samples",
     )

@@ -101,7 +101,7 @@ class IntervalOf:
         """Return the pair, or refuse it."""
         ends = value if isinstance(value, list | tuple) else (value, value)
         if len(ends) != 2:
-            raise t.refusal(f"is {t.shown(value)}; allowed: a number, or two, [lowest, highest]")
+            raise t.refusal(f"is {t.shown(value)}; allowed: a number, or a range [lowest, highest]")
         low, high = (self.one.highest if self.unbounded and one == math.inf else self.one(one) for one in ends)
         return q.ordered((low, high))
 
@@ -369,9 +369,11 @@ class Follower(Device, End):
     def faults_beside(self, device: Device) -> Iterator[t.Finding]:
         """Yield another motion, no mass to couple, and delays of too many samples."""
         if self.motion != device.motion:
-            yield ("motion",), f"is {t.shown(self.motion)}; allowed: that of [device]"
+            yield ("motion",), f'is {t.shown(self.motion)}; allowed: "{device.motion}", as [device]'
         if min(self.range.mass_kg or (self.mass_kg,)) == 0:
-            message = "may be 0; allowed: above 0: a follower that touches nothing needs a mass to move"
+            message = (
+                "is 0, or its range begins at 0; allowed: above 0, because a follower that touches nothing needs a mass"
+            )
             yield ("mass_kg",), message
         # Every pending sample is a state: long delays take minutes, then memory.
         longest = MOST_LINK_SAMPLES * min(device.sample_time_s, self.sample_time_s)
@@ -381,8 +383,9 @@ class Follower(Device, End):
                 # A coupling that stays stable over so long a link moves slowly beside it: a slower loop loses nothing.
                 enough_s = delay[1] / MOST_LINK_SAMPLES
                 allowed = f"allowed: at most {MOST_LINK_SAMPLES} samples, {q.plain(longest)} s"
-                advice = f"each sample under way is a state of the loop; state sample_time_s = {enough_s:.3g} or more"
-                message = f"is {t.shown(delay)}; {allowed}: {advice} of both devices, at which the link is judged"
+                why = "because each delayed sample is a state of the loop"
+                advice = f"judge the link with sample_time_s = {enough_s:.3g} or more of both devices"
+                message = f"is {t.shown(delay)}; {allowed}, {why}; {advice}"
                 yield (key,), message
 
     def at_leader(self) -> Device:

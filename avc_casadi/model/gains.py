@@ -362,7 +362,7 @@ class GainTable(Tabular):
         twice = rows[1:, 0][np.diff(rows[:, 0]) <= 0]
         if len(twice):
             fault = f"has rows at {twice[0]:g} Hz that are equal in the device's single precision"
-            raise InputError.of(f"{fault}; allowed: at least 1e-7 of it between them", key="frequency_hz")
+            raise InputError.of(f"{fault}; allowed: frequencies that differ by 1e-7 or more", key="frequency_hz")
         return rows
 
     def expressions(self, frequency_hz: Any) -> list[Any]:

@@ -41,10 +41,10 @@ class Joint(End):
     def faults_beside(self, device: Device) -> Iterator[t.Finding]:  # noqa: ARG002 - there is none
         """Yield a joint without a mass, and keys of a tool that a device moves."""
         if self.engine.tool_mass_kg is None:
-            yield ("tool_mass_kg",), "is missing; allowed: the mass of what the engine moves, or [lowest, highest]"
+            yield ("tool_mass_kg",), "is missing; give the mass that the engine moves, or a range [lowest, highest]"
         for key in _OF_DEVICES:
             if key in self.engine.model_fields_set:
-                yield (key,), "is of a tool that a device moves; allowed: without it, or with a [device]"
+                yield (key,), "is of a tool that a device moves; leave it out, or add a [device]"
 
 
 def joint_law_faults(law: ControlLaw, engine: Simulation) -> Iterator[t.Finding]:
@@ -53,7 +53,10 @@ def joint_law_faults(law: ControlLaw, engine: Simulation) -> Iterator[t.Finding]
     for key in sorted(law.model_fields_set - set(_OF_JOINTS)):
         yield (key,), of_joint
     if law.velocity.kind != "difference":
-        yield ("velocity", "kind"), f'is {t.shown(law.velocity.kind)}; allowed: "difference", or the engine\'s own'
+        yield (
+            ("velocity", "kind"),
+            f'is {t.shown(law.velocity.kind)}; allowed: "difference", or no velocity: the engine has its own',
+        )
     elif "velocity" in law.model_fields_set and engine.solved != "nothing":
         solves = f"the integrator {engine.integrator} solves for the velocity itself"
-        yield ("velocity", "kind"), f'is "difference", and {solves}; allowed: without velocity'
+        yield ("velocity", "kind"), f'is "difference", but {solves}; leave velocity out'

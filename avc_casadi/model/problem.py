@@ -65,7 +65,7 @@ class GainBox(t.Table):
         """Yield a contact damper in the series structure, which has none."""
         interval = self.contact_damping_ns_per_m
         if self.structure == "series" and interval != (0, 0):
-            message = f'is {t.shown(interval)}; allowed: [0.0, 0.0], or the structure "damped", which has this damper'
+            message = f'is {t.shown(interval)}; allowed: [0.0, 0.0], or structure = "damped", which has this damper'
             yield ("contact_damping_ns_per_m",), message
 
 
@@ -132,7 +132,7 @@ class Frequency(t.Table):
             band = f"{t.shown(self.start_hz)} to {t.shown(self.stop_hz)}{self.origin('stop_hz')} Hz"
             yield (
                 (key,),
-                f"is {t.shown(getattr(self, key))}, of {band}; allowed: a band with room for {self.points} points",
+                f"is {t.shown(getattr(self, key))} in {band}; allowed: a band that has room for {self.points} points",
             )
 
     def origin(self, key: str) -> str:
@@ -285,7 +285,10 @@ class Problem(t.Table):
         # The slope of a detent is a spring in the device's own loop, in which no coupling to another end is judged.
         if ends and self.detent is not None:
             known = " or ".join(f"[{name}]" for name in self.end_tables())
-            yield ("detent",), f"is given with {known}; give one of them, or render the detents at that end"
+            yield (
+                ("detent",),
+                f"is given with {known}; give one of them, or compute the detents in the engine or follower",
+            )
         for name, end in ends.items():
             for path, message in end.faults_beside(self.device):
                 yield (name, *path), message

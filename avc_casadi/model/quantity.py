@@ -183,7 +183,9 @@ def _behind(geared: re.Match[str], unit: str) -> float:
     typed, teeth, driver_teeth, pitch = geared.groups()
     power = _POWERS.get(_linear(unit), 0)
     if not power or (pitch and unit != _linear(unit)):
-        raise ValueError(f"with a {'pitch' if pitch else 'gear'}, which changes no {unit} here; allowed: without it")
+        raise ValueError(
+            f"with a {'pitch' if pitch else 'gear'}, which has no effect on {unit} here; give the value without it"
+        )
     if pitch:
         per_radian = read_quantity(pitch, "m") / (2 * math.pi)
     else:
@@ -260,7 +262,7 @@ def _pair(value: Any) -> Any:
 def ordered(value: tuple[float, float]) -> tuple[float, float]:
     """Return two numbers, or refuse them where the first is the larger."""
     if value[0] > value[1]:
-        raise refusal(f"is {shown(value)}, reversed; allowed: [lowest, highest], both may be equal")
+        raise refusal(f"is {shown(value)}, reversed; allowed: [lowest, highest], which may be equal")
     return value
 
 

@@ -39,9 +39,9 @@ class VelocityFilterEffect(Effect):
         given = [key for key, value in self if value is not None and key not in ("kind", "estimator")]
         for key in given:
             if key not in keys:
-                yield (), f'has {key}, which estimator "{self.estimator}" does not use; allowed: {", ".join(keys)}'
+                yield (), f'has {key}, but estimator "{self.estimator}" uses {", ".join(keys)} only; leave it out'
         if keys[0] not in given:
-            yield (), f'has no {keys[0]}, which estimator "{self.estimator}" needs'
+            yield (), f'has no {keys[0]}; estimator "{self.estimator}" needs it'
 
 
 def low_pass(back: ComplexArray, poles: Poles) -> ComplexArray | float:
@@ -126,15 +126,15 @@ class StateFeedback(Effect):
             yield ("force_m_per_n",), f"has {n} numbers; allowed: 1 to {MOST_STATES}, one for each state"
             return
         if len(self.state) != n:
-            yield ("state",), f"has {len(self.state)} rows; allowed: {n}, as force_m_per_n"
+            yield ("state",), f"has {len(self.state)} rows; allowed: {n}, as many as force_m_per_n"
         rows: dict[t.Path, tuple[float, ...]] = {("innovation",): self.innovation, ("feedback",): self.feedback}
         for path, values in (rows | {("state", row): values for row, values in enumerate(self.state)}).items():
             if len(values) != n:
-                yield path, f"has {len(values)} numbers; allowed: {n}, as force_m_per_n"
+                yield path, f"has {len(values)} numbers; allowed: {n}, as many as force_m_per_n"
         if max(self.positions) >= n or self.measures not in self.positions:
             yield ("positions",), f"is {t.shown(self.positions)}; allowed: indices below {n}, including measures"
         if self.open_m <= self.opens_m and self.open_m + self.opens_m > 0:
-            allowed = f"above opens_m, {self.opens_m:g}; 0 for both is a dead zone that never opens"
+            allowed = f"above opens_m, {self.opens_m:g}; or both 0, for a dead zone that never opens"
             yield ("open_m",), f"is {self.open_m:g}; allowed: {allowed}"
 
     @property

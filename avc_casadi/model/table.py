@@ -90,7 +90,7 @@ def inner_faults(findings: list[Finding]) -> PydanticCustomError:
 def checked(model: type[M], tables: Mapping[str, Any], name: str = "") -> M | list[Finding]:
     """Return a file's parsed tables as a model, or all their faults; those between tables where each is sound."""
     keys = {key: value for key, value in tables.items() if key != "name"}
-    is_no_key = "is not a key; the file's own name is the name of the problem"
+    is_no_key = "is not a key; leave it out: the name of the file is the name of the problem"
     findings: list[Finding] = [(("name",), is_no_key)] if "name" in tables else []
     try:
         read = model.model_validate({**keys, "name": name} if "name" in model.model_fields else keys)
@@ -102,7 +102,7 @@ def checked(model: type[M], tables: Mapping[str, Any], name: str = "") -> M | li
 def of_kinds(value: Any, kinds: Mapping[str, type[Table]], name: str, most: int) -> tuple[Any, ...]:
     """Return a list of tables, each read by the keys of its kind; all faults are reported at once."""
     if not isinstance(value, list | tuple) or len(value) > most:
-        raise refusal(f"is {shown(value)}; allowed: one {name} for each, {most} at most")
+        raise refusal(f"is {shown(value)}; allowed: a list of tables {name}, {most} at most")
     tables: list[Any] = []
     faults: list[Finding] = []
     for index, entry in enumerate(value):

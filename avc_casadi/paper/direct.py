@@ -98,7 +98,7 @@ def _cross_check(checked: CheckedGains) -> str:
         note += f", but at {checked.failed.sum()} failed frequencies"
     exact_is_worse = int((excess < -EXCESS_TOLERANCE).sum())
     if exact_is_worse:
-        note += f"; exact is the worse at {exact_is_worse} of them"
+        note += f"; exact is worse than direct at {exact_is_worse} of them"
     if checked.local.any():
         note += f"; {checked.local.sum()} stopped at a local minimum and were solved again from more starts"
     return note
@@ -160,7 +160,7 @@ def _recomputed(problem: Problem, quality: Optimality) -> str:
 
 def _why(name: str, quality: Optimality, checked: CheckedGains, row: int) -> str:
     """Return why a row has failed, and the next step."""
-    help_ = "try another --solver or a smaller --tolerance; --method exact has its gains"
+    help_ = "try another --solver or a smaller --tolerance, or use --method exact"
     excess = checked.excess[row]
     if np.isnan(excess):
         return f"{name} found no admissible gains, although there are some: {help_}"

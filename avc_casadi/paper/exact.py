@@ -234,17 +234,17 @@ def _reason(problem: Problem, value: float, damping: float, stiffness: float) ->
     claim = f"Re Z_h >= {margin:g} (stability.margin_ns_per_m)"
     if value >= margin:
         return (
-            f"{claim} is met in the gain box with no room: {largest}; missed by no more than rounding: add device"
-            " damping, or widen the box of [coupling]"
+            f"{claim} is just met at an edge of the gain box: {largest}; rounding decides; add device damping, or widen"
+            " the box of [coupling]"
         )
     # Rounded to six digits, upwards, so that the relaxation shown suffices.
     step = 10.0 ** (np.floor(np.log10(margin - value)) - _DIGITS)
     missing = float(np.ceil((margin - value) / step) * step) if step > 0 else margin - value
     # A margin cannot be lowered below 0.
-    lower = "lower the margin by that, " if margin >= missing else ""
+    lower = "lower the margin by this, " if margin >= missing else ""
     return (
-        f"{claim} cannot be met in the gain box: at most {largest}; missed by {missing:.6g} {damping_unit}: {lower}add "
-        "as much device damping, or widen the box of [coupling]"
+        f"{claim} cannot be met in the gain box: at most {largest}; missed by {missing:.6g} {damping_unit}; {lower}add "
+        "this much device damping, or widen the box of [coupling]"
     )
 
 

@@ -117,7 +117,7 @@ def assumed(problem: Problem, devices: int = 1) -> tuple[Assumption, ...]:
     gaps = ["hands are linear, on one axis, and do not change while they hold the device"]
     gaps += _undeclared_with(problem.end, problem)
     if problem.detent is not None:
-        gaps.append("the trial has no detents: their slopes are judged in the claims, and avc simulate has them")
+        gaps.append("simulated hands feel no detents: the claims cover their slopes, and avc simulate includes them")
     at = "trial at nominal" if devices == 1 else f"trial at nominal, and by others at {devices} devices of the ranges"
     for key in _ranges(problem):
         linear = key.partition(".range.")[2] in LINEAR_KEYS
@@ -138,7 +138,9 @@ def _assumed_of(end: End) -> list[str]:  # noqa: ARG001
 def _assumed_of_simulation(end: Simulation) -> list[str]:
     found = []
     if end.constraint and end.tool_mass_kg is not None:
-        found.append("the engine's contacts are constraints: the tool is free or held; give a range with an end")
+        found.append(
+            "the engine's contacts are constraints: the tool is free or stands still; for springs state a range"
+        )
     if len(set(end.step_s)) == 1:
         found.append("the engine's step is steady: a range of step_s is judged at each steady step in it")
     else:
@@ -148,7 +150,7 @@ def _assumed_of_simulation(end: Simulation) -> list[str]:
 
 @_assumed_of.register
 def _assumed_of_follower(end: Follower) -> list[str]:
-    found = ["the trial has no dry friction, at neither end"]
+    found = ["simulated hands: neither device has dry friction"]
     if "contact_stiffness_n_per_m" not in end.model_fields_set:
         found.append("the follower touches anything from nothing to a rigid object")
     if end.contact_damping_ns_per_m is None:
@@ -268,10 +270,10 @@ def _unused_of(end: End, problem: Problem) -> list[Unused]:  # noqa: ARG001
 @_unused_of.register
 def _unused_of_simulation(tool: Simulation, problem: Problem) -> list[Unused]:  # noqa: ARG001
     default = Simulation(step_s=tool.step_s)
-    keys, why = ["contact_damping_ns_per_m"], "of a spring, and none is touched"
+    keys, why = ["contact_damping_ns_per_m"], "of a contact spring, and there is no such spring"
     if tool.tool_mass_kg is None:
         keys += ["tool_damping_ns_per_m", "integrator", "substeps", "contact_stiffness_n_per_m"]
-        why = "of a tool, and no tool_mass_kg is given"
+        why = "of a tool, and tool_mass_kg is missing"
     elif any(0 < contact < RIGID_N_PER_M for contact in tool.contact_stiffness_n_per_m):
         return []
     return [Unused(f"simulation.{key}", why) for key in keys if getattr(tool, key) != getattr(default, key)]
@@ -280,7 +282,7 @@ def _unused_of_simulation(tool: Simulation, problem: Problem) -> list[Unused]:  
 @_unused_of.register
 def _unused_of_teleoperator(follower: Follower, problem: Problem) -> list[Unused]:
     return [
-        Unused(f"{table}.{key}", "the trial of a teleoperator has none")
+        Unused(f"{table}.{key}", "not simulated with a follower")
         for table, device in (("device", problem.device), ("follower", follower))
         for key in _NOT_OF_TELEOPERATORS
         if getattr(device, key) > 0 or getattr(device.range, key) is not None
@@ -303,14 +305,16 @@ def _doubts_of_simulation(tool: Simulation, problem: Problem) -> dict[str, str]:
         )
     if tool.exchange == "ahead" and tool.tool_mass_kg is not None:
         found["exchange"] = (
-            "is ahead: the device is given a place and a velocity that lie in the future of the force that made "
-            "them, which takes its damping: a damper of the device's own loop has to make that good; hand out the "
-            "state that the step began with (on-time)"
+            "is ahead: the device receives a state that is already the result of its force, which acts like a negative "
+            "damper; a damper in the device's loop compensates this. Better send the state with which the step began "
+            "(on-time)"
         )
     if tool.integrator == "explicit":
-        found["integrator"] = "is explicit: it feeds whatever swings; take semi-implicit where the engine has it"
+        found["integrator"] = "is explicit: it adds energy to every oscillation; use semi-implicit if the engine has it"
     if tool.substeps > 1:
-        found["substeps"] = "hold a force as long as a slower engine does: compute it in each substep (step_s)"
+        found["substeps"] = (
+            "hold a force for the whole step; compute it in each substep instead, and state that time as step_s"
+        )
     if any(abs(step_s / t - round(step_s / t)) > 1e-6 for step_s in tool.step_s):
-        found["step_s"] = f"is no whole multiple of T = {t:g} s: every phase of the two clocks is judged"
+        found["step_s"] = f"is not a multiple of T = {t:g} s: every phase of the two clocks is judged"
     return {f"{tool.kind}.{key}": text for key, text in found.items()}

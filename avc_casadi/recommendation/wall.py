@@ -143,7 +143,7 @@ def with_rest(coupling: Coupling, progress: Progress = SILENT) -> tuple[Coupling
         coupling = coupling.with_certificate(certificate | {"levels": levels})
     word, claim = levels["L7"]["outcome"], levels["L7"]["claim"]
     if coupling.problem.detent is not None:
-        claim = f"{claim}; of the wall alone, without [detent]"
+        claim = f"{claim}; for the wall alone, without [detent]"
     return coupling, LimitCycleFreedom(word, claim)
 
 

@@ -184,7 +184,7 @@ class TaylorSeries:
             instead = 'scene.integrator = "projected"' if friction_n > 0 else "the effect jitter with rms_s = 0"
             raise UnsupportedError(
                 f"the scene's mechanics move so fast within a sample of {sample_time_s:g} s that exact dry friction or "
-                f"late forces would take more than {_MOST_SUBSTEPS} substeps; take {instead}, a heavier hand or "
+                f"late forces would take more than {_MOST_SUBSTEPS} substeps; use {instead}, a heavier hand or "
                 "device, or a slower amplifier or resonance"
             )
         hands = tuple(range(plant.matrix.ndim - 2))

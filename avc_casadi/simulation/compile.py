@@ -62,12 +62,14 @@ def _clashes(effects: list[SceneEffect]) -> list[str]:
     late = any(isinstance(effect, Jitter) and effect.table.rms_s > 0 for effect in effects)
     if late and any(samples != int(samples) for samples in delays):
         messages.append(
-            f"delay of {delays[0]:g} samples and forces that come late at random exclude each other; allowed: whole "
-            "samples, or jitter with rms_s = 0"
+            f"a delay of {delays[0]:g} samples and random delays of the force (jitter) exclude each other; allowed: a "
+            "delay of whole samples, or jitter with rms_s = 0"
         )
     has_filter = any(isinstance(effect, VelocityFilter) for effect in effects)
     if has_filter and has_engine:
-        messages.append("the engine of simulation sees plain differences; allowed: leave velocity-filter out")
+        messages.append(
+            "velocity-filter does not apply to a [simulation], whose engine uses plain differences; leave it out"
+        )
     if has_backlash and _measured_body(effects) == HANDLE:
         messages.append("backlash and an encoder at the handle exclude each other; allowed: one of them")
     return messages
@@ -264,8 +266,8 @@ def mechanics_of(problem: Problem, effects: tuple[SceneEffect, ...]) -> LinearPl
         effect.mechanics(plant)
     if np.min(plant.mass_kg(DEVICE)) <= 0:
         raise InputError.of(
-            "device and hand have no mass, so that nothing is there to be simulated; allowed: "
-            "device.mass_kg above 0, or a hand with a mass",
+            "device and hand have no mass, and cannot be simulated; allowed: device.mass_kg above 0, or a hand with a "
+            "mass",
             file=problem.name,
             key="scene.effects",
         )
@@ -286,7 +288,7 @@ def _measured_position(problem: Problem, effects: tuple[SceneEffect, ...], tick:
         tick.trace("handle_m", moves[f"{HANDLE}_position_m"])
     body = _measured_body(effects)
     if f"{body}_position_m" not in moves:
-        message = f"measure the {body}, which is missing; add the effect resonance"
+        message = f"measure the {body}, but the scene has no {body}; add the effect resonance"
         raise InputError.of(message, file=problem.name, key="scene.effects")
     position = moves[f"{body}_position_m"]
     if body != DEVICE:
@@ -323,8 +325,8 @@ def _advance(problem: Problem, effects: tuple[SceneEffect, ...], plant: LinearPl
     projection = integrator == "projected" and friction > 0
     if projection and varying:
         raise UnsupportedError(
-            f'{problem.name}: scene.integrator = "projected" needs whole substeps, which the lateness of '
-            'the effect jitter breaks up; take "exact", or jitter with rms_s = 0'
+            f'{problem.name}: scene.integrator = "projected" does not support random delays of the force (jitter); use '
+            '"exact", or jitter with rms_s = 0'
         )
     if varying or (friction > 0 and not projection):
         return TaylorSeries.of(plant, tick.sample_time_s, friction, substeps)

@@ -47,7 +47,9 @@ class Precision:
         with np.errstate(over="ignore"):
             number = self.dtype(value)
         if not np.isfinite(number):
-            raise InputError.of(f"holds {value:g}; allowed: below {self.largest:.2g} in {self.name} precision")
+            raise InputError.of(
+                f"the C would contain {value:g}; allowed: below {self.largest:.2g} in {self.name} precision"
+            )
         plain = _LEAST_PLAIN <= abs(number) < _MOST_PLAIN or number == 0
         spell = np.format_float_positional if plain else np.format_float_scientific
         text = spell(number, unique=True, trim="0") + self.suffix
@@ -243,7 +245,7 @@ class FloatProgram:
             elif name in _SCALAR:
                 latest[to[0]] = self._join(name, tuple(latest[source] for source in sources))
             else:
-                raise UnsupportedError(f"{function.name()}: CasADi operation {name} has no form in C")
+                raise UnsupportedError(f"{function.name()}: the CasADi operation {name} cannot be written as C")
         self._live = self._reachable()
 
     def _place_of(self, operation: str, *arguments: int, constant: float = 0.0) -> int:

@@ -60,7 +60,7 @@ class FirmwareInTheLoop:
         effects = build_effects(problem)
         foreign = {effect.kind for effect in effects} - PLANT_KINDS - _FIRMWARE_KINDS
         if foreign:
-            raise UnsupportedError(f"{problem.name}: the bench has no {', '.join(sorted(foreign))}")
+            raise UnsupportedError(f"{problem.name}: the emulated board does not simulate {', '.join(sorted(foreign))}")
         time_s = limits.sample_time_s
         self._target = target_of(problem.scene.motion, max(1, round(problem.scene.duration_s / time_s)), time_s)
         late = sum(effect.table.samples for effect in effects if isinstance(effect, Delay))

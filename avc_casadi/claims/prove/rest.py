@@ -216,7 +216,7 @@ def _not_covered(law: ContactLaw, contact: Contact, device: Device) -> list[str]
         reasons.append(f"the play of {quantity(play, unit)} {second}")
     if contact == "gated":
         reasons.append(
-            'contact = "gated" is no single nonlinearity with a slope between 0 and 1: this proof is of "clip-last"'
+            'contact = "gated" cannot be proved: only "clip-last" is a single nonlinearity with a slope from 0 to 1'
         )
     if dead_zone > 0:
         reasons.append(f"the dead zone of {quantity(dead_zone, unit)} {second}")

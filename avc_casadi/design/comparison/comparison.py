@@ -193,7 +193,7 @@ def _verdict(closed_form: GainSchedule, optimum: GainSchedule, row: int, *, bett
         damped = optimum.structure == "damped"
         cause = "contact damper leaves out the virtual mass" if damped else "projection keeps Im Z_h_ds"
         closed_form_error = f"{closed_form.magnitude_error[row]:.3g}"
-        why = f"the {cause}: a magnitude error of {closed_form_error}; {method} reaches {error}"
+        why = f"the closed form has a magnitude error of {closed_form_error}: its {cause}; {method} reaches {error}"
         return MethodVerdict.DIRECT_BETTER, why
     if optimum.status[row] is Status.ACTIVE_BOUND:
         return MethodVerdict.BOUND_ACTIVE, f"same error; {reason or f'{method} is at a bound of the gain box'}"

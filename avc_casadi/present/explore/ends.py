@@ -516,5 +516,5 @@ def _own_tool_coupling(
     search = explorer.cached(f"search {settings.key()}", lambda: search_of(end, problem))
     gains = ToolGains(**({"stiffness_n_per_m": 0.0, "damping_ns_per_m": 0.0} | _typed(explorer, settings)))
     certificate = certify_pair(problem, gains, search)
-    verdict = f"your K and B, {'stable' if certificate.stable else 'not stable'}, without a trial"
+    verdict = f"your K and B, {'stable' if certificate.stable else 'not stable'}, not tried with hands"
     return Coupling.to_end(problem, gains, certificate.document(), None, explorer.versions), verdict

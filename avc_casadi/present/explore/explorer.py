@@ -131,7 +131,7 @@ class SlowRun:
                 self.state = content
                 kind, content = connection.recv()
         except (EOFError, OSError):
-            kind, content = "error", "it ended without a result; there may be too little memory"
+            kind, content = "error", "the run ended without a result; there may be too little memory"
         if not self.error:
             self.result, self.error = (content, "") if kind == "result" else (None, content)  # type: ignore[assignment]
         self._process.join()

@@ -249,13 +249,13 @@ class _Handler(BaseHTTPRequestHandler):
     def _file(self, path: str) -> tuple[str, bytes]:
         name = urlsplit(path).path or "index.html"
         if name not in self.server.page:
-            raise RequestError(404, "there is no such page")
+            raise RequestError(404, "this page does not exist")
         kind = _TYPES[name[name.rindex(".") :]]
         return f"{kind}; charset=utf-8", self.server.page[name]
 
     def _part(self, path: str) -> tuple[str, bytes]:
         if path not in PARTS:
-            raise RequestError(404, "there is nothing to ask there")
+            raise RequestError(404, "this address accepts no questions")
         document = json.dumps(answer(self.server.explorer, path, self._question()), allow_nan=False)
         return "application/json", document.encode()
 
@@ -264,7 +264,7 @@ class _Handler(BaseHTTPRequestHandler):
             length = int(self.headers.get("Content-Length", ""))
             question = json.loads(self.rfile.read(length)) if 0 < length <= MOST_BYTES else None
         except (ValueError, RecursionError) as error:
-            raise RequestError(400, "the question is no JSON") from error
+            raise RequestError(400, "the question is not valid JSON") from error
         if not isinstance(question, dict):
             raise RequestError(400, f"a question is an object of JSON of at most {MOST_BYTES} bytes")
         return question

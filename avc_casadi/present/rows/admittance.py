@@ -111,7 +111,7 @@ def doubts_of(problem: AdmittanceProblem) -> tuple[str, ...]:
         name = key("device.force_sensor.stiffness_n_per_m")
         found.append(f"{name} is {value}: usual 1e3 to 1e8 N/m at the handle; is the unit right?")
     if device.drive_order == 1 and device.drive_damping_ratio != DRIVE_DAMPING_RATIO:
-        found.append("device.drive_damping_ratio says nothing of a drive of first order: device.drive_order = 2")
+        found.append("device.drive_damping_ratio has no effect on a drive of first order; set device.drive_order = 2")
     return tuple(found)
 
 
@@ -121,7 +121,7 @@ def _untold(problem: AdmittanceProblem) -> list[Row]:
     if "hands" not in problem.model_fields_set:
         rows.append(row("Hands", "assumed:", _hands_line(problem), "; state [hands] of your user", mark=Mark.CAUTION))
     if not problem.contact.touches:
-        why = "none stated: against something stiff the handle is not judged; state [contact]"
+        why = "none stated: a handle that touches something stiff is not judged; state [contact]"
         rows.append(row("Contact", why, mark=Mark.CAUTION))
     return rows
 
@@ -172,7 +172,7 @@ def recommendation(result: AdmittanceRecommendation, shown: str = "", written: s
         felt = Value(judged.law.mass_kg + problem.device.force_sensor.handle_mass_kg, "mass")
         rows += [
             row("Law", law_line(judged.law)),
-            row("Effort", Value(result.effort_ns_per_m, "damping"), "at 1 Hz; with the handle a hand moves", felt),
+            row("Effort", Value(result.effort_ns_per_m, "damping"), "at 1 Hz; with the handle the hand moves", felt),
             _margins(judged),
             row("Worst case", worst_case(judged.worst)),
             _stiffest(judged),
@@ -339,7 +339,7 @@ def _noise(result: AdmittanceCertificate) -> Row:
     """Return what noise and one step of the sensor do to a handle at rest."""
     drifts: tuple[Part, ...] = ()
     if result.drift_m_per_s:
-        drifts = ("; one step of it off, it drifts at", Value(_finite(result.drift_m_per_s), "speed"))
+        drifts = ("; with an error of one sensor step it drifts at", Value(_finite(result.drift_m_per_s), "speed"))
     return row("Sensor noise", Value(result.noise_m_per_s, "speed"), "rms at rest", drifts)
 
 

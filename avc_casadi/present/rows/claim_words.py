@@ -22,16 +22,14 @@ from avc_casadi.model.hands import hand_text
 
 _REMEDIES = {
     ClaimRemedy.RECOMMEND_OR_SOFTEN: (
-        "take `avc recommend P`, which finds the deployable coupling nearest to the wall, or soften the wall"
+        "use `avc recommend P`, which finds the deployable coupling closest to the wall, or soften the wall"
     ),
-    ClaimRemedy.RECOMMEND_OR_LESS_MARGIN: (
-        "take `avc recommend P`, soften the wall, or lower [robustness] disk_margin"
-    ),
-    ClaimRemedy.WITHOUT_FEEDBACK: "take a coupling without state feedback: avc solve P --method static-tuned",
+    ClaimRemedy.RECOMMEND_OR_LESS_MARGIN: ("use `avc recommend P`, soften the wall, or lower [robustness] disk_margin"),
+    ClaimRemedy.WITHOUT_FEEDBACK: "use a coupling without state feedback: avc solve P --method static-tuned",
     ClaimRemedy.WITHOUT_REALISM: (
-        "take a softer wall, a shorter sample time, or a method without the realism condition (avc recommend)"
+        "use a softer wall, a shorter sample time, or a method without the realism condition (avc recommend)"
     ),
-    ClaimRemedy.LESS_DELAY: "shorten the delay, or analyse the loop by other means",
+    ClaimRemedy.LESS_DELAY: "shorten the delay: longer ones are not computed",
 }
 
 
@@ -116,11 +114,11 @@ def _worst_of(claim: StabilityClaim, units: Units) -> str:
 def _detent(claim: DetentClaim, units: Units) -> str:
     slope, top = (quantity(sign * claim.slope_n_per_m, units.unit("N/m")) for sign in (1, -1))
     if claim.passed:
-        others = f", the others leave it without swinging, by e in {claim.leaves_s:.3g} s"
+        others = f"; the others leave the peak without oscillation, with a time constant of {claim.leaves_s:.3g} s"
         return (
             f"detents: in a valley, a spring of {slope}, linearly stable with every hand of [hands] and "
-            f"released, spectral radius {claim.radius:.6g} at most; at a peak, a spring of {top}, {claim.held} of "
-            f"{claim.hands} hands, including none, stay there{'' if claim.held == claim.hands else others}"
+            f"released, spectral radius {claim.radius:.6g} at most; at a peak, a spring of {top}: {claim.held} of "
+            f"{claim.hands} hands (or no hand) stay there{'' if claim.held == claim.hands else others}"
         )
     if claim.in_valley:
         return f"detents: linearly unstable at a peak, a spring of {top}: a device that leaves it oscillates"

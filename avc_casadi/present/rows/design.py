@@ -43,7 +43,7 @@ def solution(result: SolvedGains, shown: str = "", file: str | None = None) -> A
         *subject.law_not_used(problem),
     ]
     if result.as_printed:
-        errors = f"{len(result.paper_errors)} in the printed paper; these gains include those of (10) and (17)"
+        errors = f"{len(result.paper_errors)} in the printed paper; these gains include the errors of (10) and (17)"
         rows.append(row("Paper's errors", errors, mark=Mark.CAUTION))
     rows += subject.notes(gains.notes, rank=1, mark=Mark.NONE)
     if result.certificate is not None:
@@ -338,5 +338,7 @@ def _model(model: ModelledMass) -> list[Row]:
         near = f"{subject.plural(mass.singular_poses, 'pose')} near a singular one, where the mass grows without limit"
         rows.append(row("Left out", near, mark=Mark.CAUTION))
     if mass.has_dry_friction:
-        rows += subject.notes(["dry friction of the model's joints; state that of the tip by --friction"], "Not used")
+        rows += subject.notes(
+            ["dry friction of the model's joints; state the friction at the tip by --friction"], "Not used"
+        )
     return rows

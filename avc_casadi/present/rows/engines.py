@@ -43,7 +43,7 @@ _ENGINES = {
     "ros2": EngineNames("ROS 2", "the update", _SEMI_IMPLICIT),
     "pybullet": EngineNames("PyBullet", "stepSimulation", _SEMI_IMPLICIT),
 }
-_AHEAD = "position and velocity of after it lie in the future of the force that made them, which costs 10 to 60 times K"
+_AHEAD = "a state read after the step is already the result of the force, and reduces K by a factor of 10 to 60"
 _HEAVIER = 1e-3
 """Share by which a tool is heavier with the impedance of a weld that lets spring and damper act nearly as a force."""
 _CONTACT_N = 2.0

@@ -91,7 +91,7 @@ def _value(number: float, of: str) -> Value:
 def _largest_step(result: JointCertificate) -> tuple[Part, ...]:
     """Return the largest stable step."""
     if result.step_s is None:
-        return ("none is stable",)
+        return ("no value is stable",)
     if result.step_s[1] >= LONGEST_STEP_S:
         return ("any",)
     return (Value(result.step_s[1], "time", 4),)
@@ -100,7 +100,7 @@ def _largest_step(result: JointCertificate) -> tuple[Part, ...]:
 def _least_mass(result: JointCertificate) -> tuple[Part, ...]:
     """Return the least mass of the joint that is stable, and what to add to that of the file."""
     if result.mass_kg is None:
-        return ("none is stable",)
+        return ("no value is stable",)
     least, most = result.mass_kg
     if least <= LIGHTEST_TOOL_KG and math.isinf(most):
         return ("any",)
@@ -154,7 +154,7 @@ def _stiffest(result: JointRecommendation) -> Row:
     if result.stiffest is None:
         required = f"a damping ratio of {DAMPING_RATIO} and a disk margin of {DISK_MARGIN}"
         return row("Stiffest", f"no kp has {required}", mark=Mark.FAIL)
-    more = None if result.limited else "; a larger kp is stable too, and faster than half the step rate"
+    more = None if result.limited else "; a larger kp is stable too, but its frequency exceeds half the step rate"
     return row("Stiffest", _design(result.stiffest), more, mark=Mark.PASS)
 
 

@@ -340,7 +340,7 @@ def _engine_passivity(tool: Simulation, port_passivity: PortPassivity | None) ->
         text = (*text, f"; {'with' if port.any_hand else 'not with'} any passive hand (Llewellyn)")
     rows = [row("Engine's port", text, mark=Mark.PASS if port.passive else Mark.NONE)]
     if not port.engine_is_implicit:
-        why = f"not {tool.integrator}: its integration is explicit; the row Stability still covers the declared tools"
+        why = f"no: {tool.integrator} integrates explicitly; the row Stability still covers the declared tools"
         rows.append(row("Passive engine", why, mark=caution(port.passive)))
     return rows
 
@@ -408,7 +408,7 @@ def _stiffest_wall(label: str, curve: Curve, result: ZWidth) -> Row:
     if not known:
         return row(label, "none")
     stiffness, damping = max(known)
-    beyond = "; larger dampings were not searched" if damping == result.damping_ns_per_m[-1] else ""
+    beyond = "; larger wall dampings were not searched" if damping == result.damping_ns_per_m[-1] else ""
     return row(
         label, "up to", Value(stiffness, "stiffness"), "with a wall damping of", Value(damping, "damping"), beyond
     )

@@ -44,7 +44,7 @@ def _doubts(certificate: LawCertificate) -> str:
     if doubts:
         return f"stable, but {', and '.join(doubts)}"
     held = any(certificate.held.hand.values())
-    return f"stable {'with every hand and released' if held else 'released; nobody holds it'}"
+    return f"stable {'with every hand and released' if held else 'released; no hand holds the device'}"
 
 
 def _plain_cause(certificate: LawCertificate, units: Units) -> str:
@@ -70,6 +70,6 @@ def _cause(certificate: LawCertificate, units: Units) -> str:
     if isinstance(certificate.law, ControlLaw) and certificate.law.friction_compensation is not None:
         late += ", without friction"
     if beyond.side is LimitSide.NONE_STABLE:
-        return f"no change of a single number holds it {late}"
+        return f"no change of a single number makes the law stable {late}"
     side = "below its lowest" if beyond.side is LimitSide.BELOW else "above its largest"
     return f"{units.key(beyond.key)} {beyond.value:.4g} is {side}, {beyond.limit:.4g}, {late}"

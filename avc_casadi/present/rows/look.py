@@ -360,14 +360,14 @@ def _solver(cost: SolverCost, *, fast: bool) -> Row:
 
 def table1(result: Table1) -> Answer:
     """Return the answer of `table1`: the paper's table with simulated hands of both sets."""
-    title = f"Table 1 of the paper with {result.hands} simulated hands, seed {result.seed}; of 10 people in the paper"
+    title = f"Table 1 of the paper with {result.hands} simulated hands, seed {result.seed}; the paper has 10 people"
     rows = [_tried("A", tried, result.hands) for tried in result.rows]
     rows += [_tried("B", tried, result.hands) for tried in result.rows_set_b]
     rows += [
         row("Set A", "mass 0.05 to 0.3 kg, damping 3 to 20 N.s/m, stiffness 200 to 800 N/m"),
         row("Set B", "five-parameter stylus hands within measured ranges"),
         row("Stable", "residual speed below 5 mm/s in press, tap and hold"),
-        row("Nearer", "to the continuous wall than the schedule, by a Weber fraction of 0.1; unable: no difference"),
+        row("Nearer", "feels nearer to the ideal wall than the schedule, by a Weber fraction of 0.1; unable: equal"),
     ]
     return Answer("table1", plain(result), (title,), tuple(rows), whole=True)
 

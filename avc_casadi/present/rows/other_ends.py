@@ -139,7 +139,7 @@ def _pair_stability(pair: Pair) -> list[Row]:
     """Return that all loops to an end are stable, with their margins, and the least damped of them."""
     steady = pair.mismatch_stable is not False
     return [
-        _stable_loops(pair.loops, "" if steady else "; not on devices 10 % away", grade(steady, Mark.CAUTION)),
+        _stable_loops(pair.loops, "" if steady else "; not on devices 10 % off", grade(steady, Mark.CAUTION)),
         _gain_margins(pair.gain_margin, pair.motor_margins),
         *_least_damped(pair.mode),
     ]

@@ -96,7 +96,7 @@ def _nothing_rendered(reason: reasons.NothingRendered, units: Units) -> tuple[st
         advice = "check its unit, or state [hands] that press less"
     elif reason.because is NothingRenderedBecause.FRICTION_HOLDS:
         friction = f"dry friction (device.coulomb_friction_n, {reason.friction_n:g} {newton})"
-        fact = f"no press ends in contact, because {friction} is no less than {press}"
+        fact = f"no press ends in contact, because {friction} is as large as {press} or larger"
     else:
         fact = f"no press ends in contact (device.encoder_resolution_m is {reason.step_m:g} {metre})"
     return f"the wall is not rendered: {fact}", advice
@@ -241,8 +241,8 @@ def _hands_unsettled(reason: reasons.HandsUnsettled, units: Units) -> tuple[str,
     hardest = f"hardest for them: {motion}, {int(trial.by_motion[motion].sum())} settle"
     if reason.last is not LastTried.SOFTEST_WITHOUT_DAMPING:
         return settle, hardest
-    swings = "the follower has no damping of its own, and swings long on a soft spring"
-    return settle, hardest, f"{swings}: damp it, or require a stiffer K"
+    swings = "the follower has no damping of its own, and oscillates for long on a soft spring"
+    return settle, hardest, f"{swings}: add damping, or require a stiffer K"
 
 
 @clauses.register

@@ -63,7 +63,7 @@ def _relay(result: LawTrial) -> Iterator[Row]:
             "of friction, of which there may be",
             Value(least_n, "force"),
         )
-        yield row("Relay", larger, ": it drives the device", mark=Mark.CAUTION)
+        yield row("Relay", larger, ": the compensation moves the device by itself", mark=Mark.CAUTION)
 
 
 def _released(case: LawCase) -> Iterator[Row]:

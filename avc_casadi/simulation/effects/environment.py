@@ -150,7 +150,7 @@ class EngineEffect(SceneEffect, keys=SimulationEffect, rank=155, role="environme
         if not isinstance(tool, Simulation):
             faults.append((place, "is listed and [simulation] is missing; give both, or neither"))
         if table.stiffness_n_per_m is None:
-            message = "is missing; allowed: a stiffness, or a coupling to the simulation (avc recommend)"
+            message = "is missing; give a stiffness, or simulate a coupling file (avc recommend P --out FILE)"
             faults.append((f"{place}.stiffness_n_per_m", message))
         if not isinstance(tool, Simulation) or table.stiffness_n_per_m is None:
             raise InputError([Fault(problem.name or "problem", None, key, message) for key, message in faults])

@@ -67,7 +67,7 @@ class SceneResonance(TableEffect, keys=ResonanceEffect, rank=10, scene_alone=Tru
         declared = {} if problem.device.resonance is None else dict(problem.device.resonance)
         values = declared | {key: value for key, value in table if key != "kind" and value is not None}
         faults = [
-            (f".{key}", f"is missing and so is device.resonance.{key}; allowed: one of both")
+            (f".{key}", f"is missing, and so is device.resonance.{key}; give one of them")
             for key in ("frequency_hz", "damping_ratio", "mass_ratio")
             if key not in values
         ]

@@ -168,7 +168,8 @@ def try_law(
     if problem.law is None:
         raise InputError.of("is missing; allowed: a table [law], or a coupling file", file=problem.name, key="law")
     if problem.device.mass_kg + problem.hands.mass_kg[0] == 0:
-        raise UnsupportedError("is 0, as is that of the lightest hand: nothing moves", key="device.mass_kg")
+        why = "device.mass_kg and the mass of the lightest hand are 0; one of them must be above 0"
+        raise UnsupportedError(why, key="device.mass_kg")
     people = people_of(problem.hands, hands, seed)
     levels = _friction_levels_n(problem, friction=friction)
     cases: dict[str, LawCase] = {}

@@ -275,7 +275,7 @@ def _required(problem: AdmittanceProblem) -> VirtualImpedance:
         "device.max_speed_m_per_s": problem.device.max_speed_m_per_s,
         "device.force_sensor.max_force_n": problem.device.force_sensor.max_force_n,
     }
-    why = "is missing; allowed: a value: what is exported limits the motion under a fault by it"
+    why = "is missing; give a value: the exported code limits the motion under a fault with it"
     faults = [Fault(problem.name, None, problem.units.key(key), why) for key, value in missing.items() if value is None]
     if faults or problem.law is None:
         raise InputError(faults)
@@ -326,15 +326,15 @@ def _told(law: VirtualImpedance) -> str:
 
 def _told_of_stuck(bounds: FaultBounds, law: VirtualImpedance, period_s: float) -> str:
     if not bounds.repeated:
-        return "- A sensor that is stuck is not seen: its noise and resolution may repeat a reading for ever."
+        return "- A stuck sensor is not detected: its noise and resolution may repeat a reading for ever."
     speed = f"at {1 / law.damping_ns_per_m:.4g} m/s for each N" if law.damping_ns_per_m else "faster and faster"
     time_s = bounds.repeated * period_s
-    return f"- A sensor that is stuck is seen after {bounds.repeated} equal readings, {time_s:.4g} s: it moves {speed}."
+    return f"- A stuck sensor is detected after {bounds.repeated} equal readings, {time_s:.4g} s: it moves {speed}."
 
 
 def _told_of_position(bounds: FaultBounds, law: VirtualImpedance) -> str:
     if not law.stiffness_n_per_m:
-        return "The position is not read: the law has no spring."
+        return "The position is not used: the law has no spring."
     believed = (
         f"A position is believed within {bounds.way_m:.4g} m of the last one, or the second in a row that agrees."
     )
@@ -344,7 +344,7 @@ def _told_of_position(bounds: FaultBounds, law: VirtualImpedance) -> str:
 
 def _told_of_offset(law: VirtualImpedance) -> str:
     """Return what a constant offset f does: it moves the rest position by f/K, without a spring the device at f/B."""
-    unseen = "An offset of the sensor is no fault that is seen: it moves the"
+    unseen = "An offset of the sensor is not detected as a fault. It moves the"
     if law.stiffness_n_per_m:
         return f"{unseen} rest position by {1 / law.stiffness_n_per_m:.4g} m for each N."
     drift_m_per_s = 1 / law.damping_ns_per_m if law.damping_ns_per_m else math.inf

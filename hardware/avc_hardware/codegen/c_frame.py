@@ -88,7 +88,7 @@ def checked(precision: str, name: str) -> Precision:
     # Lower case, since macros have its name in capitals; a linker of C99 distinguishes 31 characters.
     if not re.fullmatch(rf"(?!({_OF_C})$)[a-z]([a-z0-9_]{{0,18}}[a-z0-9])?", name):
         fault = (
-            f"is {name!r}; allowed: a small letter, then small letters and digits with low lines between, at most 20"
+            f"is {name!r}; allowed: a small letter, then small letters, digits and inner underscores, at most 20 in all"
         )
         raise InputError.of(f"{fault}, and no header or type of C such as math or size", key="name")
     return PRECISIONS[precision]

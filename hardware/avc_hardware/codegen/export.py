@@ -340,7 +340,7 @@ _GUARDS: dict[Place, _Guard] = {
         waits=_WAITS_OF_DETENTS,
         first="{inside}",
         faults=(_BELIEVED, _FAULT_MODEL, _AMONG_DETENTS),
-        anew="inside there is no force until it is outside.",
+        anew="inside there is no force until the device has been outside.",
     ),
     "everywhere": _Guard(
         begin=_BEGIN_EVERYWHERE,
@@ -393,7 +393,7 @@ def _header(subject: CSubject, program: CouplingProgram, precision: Precision) -
         units=c_frame.head_words(subject.problem)["units"],
         meant=subject.meant,
         verdict=c_frame.comment_lines(subject.sentence),
-        force="the problem knows no limit; limit it yourself" if force is None else f"limited at {force:.9g} N",
+        force="the problem states no limit; limit the force yourself" if force is None else f"limited at {force:.9g} N",
         sample_time=device.sample_time_s,
         sample_time_literal=precision.literal(device.sample_time_s),
         sample_time_ns=round(device.sample_time_s * c_frame.NS_PER_S),

@@ -30,7 +30,7 @@ def check_runs_on(
     """Refuse a coupling that needs features that the firmware lacks: the packaged one, or that of a device."""
     require_coupling(coupling)
     if coupling.problem.detent is not None:
-        fault = "detent has no place in the table that is pushed; export the whole as C: avc export FILE --c DIR"
+        fault = "the firmware does not support [detent]; export the coupling as C: avc export FILE --c DIR"
         raise UnsupportedError(f"{coupling.problem.name}: {fault}", key="detent")
     runtime = coupling.runtime
     lacks = []
@@ -41,14 +41,14 @@ def check_runs_on(
     if feedback is not None and feedback.states > most_states:
         lacks.append(
             f"it supports {most_states} observer states, the coupling has {feedback.states} "
-            "(runtime.state_feedback; design it with a simpler hand or device)"
+            "(runtime.state_feedback; recommend again with a simpler device)"
         )
     if not constant and coupling.sample_time_s > SLOWEST_ESTIMATE_S * (1 + _ROUNDING):
         lacks.append(f"its estimator runs at sample times up to {SLOWEST_ESTIMATE_S:.3g} s")
     if feedback is not None and not constant:
         lacks.append("it supports state feedback with constant gains only (runtime.state_feedback)")
     if runtime.guard not in {None, "passivity-controller"}:
-        lacks.append(f"it has no guard {runtime.guard} (allowed: passivity-controller, or none)")
+        lacks.append(f"it does not support the guard {runtime.guard} (allowed: passivity-controller, or no guard)")
     if has is not None and not constant:
         lacks += _differences(figures_of(coupling), has, bound=bound)
     if lacks:

@@ -249,7 +249,7 @@ def pair_header(coupling: Coupling, precision: Precision, verdict: str, silences
 
 def _limit(device: Device) -> str:
     """Return the force limit of a device in words."""
-    return "none is known, limit it yourself" if device.max_force_n is None else f"{device.max_force_n:g} N"
+    return "no limit is stated; limit the force yourself" if device.max_force_n is None else f"{device.max_force_n:g} N"
 
 
 def _wrong(ends: Mapping[str, Device], more: str) -> str:
@@ -297,7 +297,7 @@ def _of_follower(follower: Follower, coupling: Coupling, precision: Precision) -
     )
     return {
         "devices": {"leader": device, "follower": follower},
-        "more": "; no new message is made, and the other end fades too",
+        "more": "; no new message is sent, and the force of the other end fades too",
         "between": "a leader and its follower",
         "facts": [
             f"leader: {_keys(vars(coupling.gains))}",
@@ -358,10 +358,10 @@ def _order(tool: Simulation) -> list[str]:
     if tool.solved == "spring and damper":
         first = "avc_coupling_target(...) for its spring and damper"
     if tool.exchange == "held-force" and tool.solved != "nothing":
-        first += "; force to hand out = avc_coupling_handed_force(its state)"
+        first += "; force for the device = avc_coupling_handed_force(its state)"
     engine = f"where the engine steps: {first}; then the step"
     if tool.substeps > 1:
-        engine += f", {tool.substeps} internal ones of the engine for one call: the force is held over all of them"
+        engine += f", {tool.substeps} internal steps of the engine for one call: the force is held over all of them"
     late = f"{_steps(tool.queued)} before this one" if tool.queued else ""
     if tool.exchange in {"held-force", "ahead"}:
         given = f"the force of {late}" if late else "that force"

@@ -176,8 +176,8 @@ def tick_numbers(figures: RuntimeFigures) -> Float32Array:
     time_s = figures.sample_time_s
     if not low * (1 - _ROUNDING) <= time_s <= high * (1 + _ROUNDING):
         raise UnsupportedError(
-            f"the firmware has no program for a sample time of {time_s:g} s; allowed: {low:g} to {high:.6g} s; for "
-            "others export the coupling as C: avc export",
+            f"the firmware does not support a sample time of {time_s:g} s; allowed: {low:g} to {high:.6g} s; for other "
+            "times export the coupling as C: avc export",
             key="device.sample_time_s",
         )
     seen = EstimatorSettings.for_encoder(figures.metres_per_count, time_s, figures.hand_m_per_unit)

@@ -99,8 +99,8 @@ def _advice(error: Exception) -> str:
     if number == errno.EACCES:
         return "add yourself to the group that owns it (on Debian: sudo usermod -aG dialout $USER, then log in again)"
     if number in {errno.EAGAIN, errno.EBUSY}:
-        return "another program has it open; close that first"
+        return "another program has it open; close that program first"
     return (
-        "allowed: a path, or a URL of pyserial as socket://HOST:PORT; `avc doctor --ports` lists the ports of this "
-        "computer, and 'emulator' needs no hardware"
+        "allowed: a path, a URL of pyserial such as socket://HOST:PORT, or 'emulator', which needs no hardware; "
+        "`avc doctor --ports` lists the ports of this computer"
     )

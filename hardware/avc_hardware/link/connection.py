@@ -95,8 +95,8 @@ class Connection:
         except NoAnswerError as error:
             self.link.close()
             raise LinkError(
-                f"{link.name}: no answer at {baud} baud; is the avc firmware on the device, the rate the firmware's, "
-                "and is this the right port (`avc doctor --ports`)?"
+                f"{link.name}: no answer at {baud} baud; is this the right port (`avc doctor --ports`), does the "
+                "device run the avc firmware, and does the firmware have this rate?"
             ) from error
         except BaseException:
             self.link.close()
@@ -113,10 +113,12 @@ class Connection:
                 answer = self._next(self._waiting, min(self.link.now_s() + exchange.timeout_s, end_s))
                 if answer is None and self.link.now_s() >= end_s:
                     dialogue.close()
-                    raise LinkError(f"{self.link.name}: gave up after {self._deadline_s:.0f} s; too much is lost")
+                    raise LinkError(
+                        f"{self.link.name}: gave up after {self._deadline_s:.0f} s; the line loses too many messages"
+                    )
                 exchange = dialogue.send(answer)
         except NoAnswerError as error:
-            raise NoAnswerError(f"{self.link.name}: {error}; is the device still connected, and on?") from error
+            raise NoAnswerError(f"{self.link.name}: {error}; is the device still connected and switched on?") from error
         except StopIteration as stop:
             result: T = stop.value
             return result
@@ -186,7 +188,7 @@ def open_link(
         return port
     if port == EMULATOR:
         if baud != DEFAULT_BAUD:
-            raise InputError.of(f"is {baud}; allowed on the emulated board: {DEFAULT_BAUD}, its own", key="baud")
+            raise InputError.of(f"is {baud}; allowed with the emulated board: {DEFAULT_BAUD}", key="baud")
         return board()
     number = port.removeprefix(USB)
     return SerialLink(find_port(number) if number != port else port, baud)

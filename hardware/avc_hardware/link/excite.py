@@ -226,13 +226,13 @@ def _check(plan: Plan, device: Device, name: str, baud: int) -> None:
     if plan.max_force_n > limits.max_force_n * (1 + _FORCE_ROUNDING):
         faults.append(f"the plan has max_force_n = {plan.max_force_n:g}, the device gives {limits.max_force_n:g}")
     if faults:
-        raise LinkError(f"{name}: not excited: {'; '.join(faults)}; correct the device file")
+        raise LinkError(f"{name}: the excitation was not started: {'; '.join(faults)}; correct the device file")
     carried = _ANSWER_RECORDS / (_ANSWER_BYTES * 10 / baud + _THINKS_S)
     surplus = 1 / plan.sample_time_s - carried
     if surplus > 0 and surplus * plan.seconds > device.kept_records:
         raise InputError.of(
-            f"{plan.seconds:g} s at {1 / plan.sample_time_s:g} Hz are more than {baud} baud carry ({carried:.0f} "
-            f"records a second, {device.kept_records} wait on the device); allowed: at most "
+            f"{plan.seconds:g} s at {1 / plan.sample_time_s:g} Hz are more than {baud} baud can carry ({carried:.0f} "
+            f"records a second; the device stores {device.kept_records}); allowed: at most "
             f"{device.kept_records / surplus:.2g} s, or a faster --baud",
             key="seconds",
         )

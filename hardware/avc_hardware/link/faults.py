@@ -21,8 +21,8 @@ class DeviceFault(IntFlag):
         made._value_, made.sentence = code, sentence
         return made
 
-    JUMP = 1, "encoder jumped: it moved faster than this mass can; check its wires, shield and supply"
-    STUCK = 2, "encoder stuck: no counts though the force varied; check its wires, and free the device"
+    JUMP = 1, "encoder jumped: faster than this mass can move; check the encoder's wires, shield and supply"
+    STUCK = 2, "encoder stuck: no counts although the force varied; check the encoder's wires, and free the device"
     SPEED = (
         4,
         "too fast: the device was faster than its limit; check for an unstable coupling, or a hand that released it",
@@ -33,7 +33,7 @@ class DeviceFault(IntFlag):
     DISABLED = 64, "enable line open: the emergency stop or its substitute is open; close it"
     WATCHDOG = 128, "reset by the watchdog: the firmware hung and restarted; push the coupling again"
     BROWN_OUT = 256, "supply low: the supply fell below its limit and the device restarted; push the coupling again"
-    HEARTBEAT = 512, "host silent: no heartbeat came in time; avc monitor --heartbeat sends them; release the device"
+    HEARTBEAT = 512, "host silent: no heartbeat came in time; start avc monitor --heartbeat, and release the device"
 
     @property
     def word(self) -> str:
@@ -60,34 +60,34 @@ class RefusalReason(IntEnum):
         made._value_, made.sentence = code, sentence
         return made
 
-    VERSION = 1, "the firmware has protocol {detail}, this program {own}; bring both to the same release"
+    VERSION = 1, "the firmware has protocol {detail}, this program {own}; use one release for both"
     MESSAGE = 2, "the firmware does not know message {detail}; update the firmware"
     SIZE = 3, "a message or the table has a wrong size (the device counts {detail})"
     BUSY = 4, "another host is sending a table (session {detail:#010x}); wait until it has ended"
     NO_TRANSFER = 5, "the device has no transfer in progress; it may have been reset"
     OFFSET = 6, "a part of the table was lost before byte {detail}"
     CRC = 7, "the checksum of the table is wrong"
-    ROWS = 8, "the table has too many rows or none; allowed: 1 to {detail}"
+    ROWS = 8, "the table has too many rows, or no row; allowed: 1 to {detail}"
     NOT_FINITE = 9, "{row} has a number that is not finite"
     NOT_MONOTONIC = 10, "{row} does not rise in frequency; sort the table and drop repeated frequencies"
     LIMIT = 11, "{row} is outside the device's limits"
     SAMPLE_TIME = 12, "the table was designed for another sample time than the device's"
-    STALE = 13, "gains with a number not above {detail} came late"
+    STALE = 13, "the gains came late: their number is not above {detail}"
     NO_TABLE = 14, "the device has no table yet; push a coupling first"
     INTERFACE = 15, "the firmware has interface version {detail}, this program {interface}; use one release for both"
-    STATES = 16, "the table feeds back too many states; allowed: at most {detail}, with a single row of gains"
+    STATES = 16, "the table has too many observer states; allowed: at most {detail}, with a single row of gains"
     EXCITED = 17, "an excitation is running (number {detail:#010x}); wait for its end, or stop it"
-    NO_EXCITATION = 18, "the device has another excitation, or none ({detail:#010x}); it may have been reset"
-    WALL = 19, "the table has no wall, or one outside the device's limits"
+    NO_EXCITATION = 18, "the device runs another excitation, or no excitation ({detail:#010x}); it may have been reset"
+    WALL = 19, "the table has no wall, or a wall outside the device's limits"
     FORCE = 20, "the table was designed for more force than the device gives, or its force limit is invalid"
     COUPLING = 21, "the table does not name its coupling"
     IN_CONTACT = 22, "the device is in contact; the table takes over when it is released"
-    MODE = 23, "the device does not run its table now (mode {detail}); nothing is kept for later"
+    MODE = 23, "the device does not run its table now (mode {detail}); the gains were not stored, send them again later"
     HOLD = 24, "the duration is too long; allowed: at most {detail} ticks"
     FAULT = 25, "the device has latched faults ({fault}); clear them first: avc device --clear"
-    FLAGS = 29, "{row} has a flag that the firmware does not know, which is older than this program; update it"
-    OTHER_COUPLING = 30, "the gains are of another coupling than {detail:08x}, which runs; push theirs first"
-    BOARD = 31, "the configuration is of another device or program than the firmware is built for: avc firmware"
+    FLAGS = 29, "{row} has a flag that the firmware does not know; the firmware is older than this program: update it"
+    OTHER_COUPLING = 30, "the gains belong to another coupling than {detail:08x}, which runs; push their coupling first"
+    BOARD = 31, "the configuration is of another device or program than the firmware; build new firmware: avc firmware"
 
 
 _PLACES = {

@@ -92,7 +92,7 @@ def push(  # noqa: PLR0913 - options by name, of a public call
     with Connection(link, baud=baud, deadline_s=deadline_s, on_wait=on_wait) as connection:
         chip = connection.device.unique_id
         if device_id is not None and device_id.lower() != chip:
-            this = f"device {chip}" if chip else "a device without a number of its own"
+            this = f"device {chip}" if chip else "a device without a serial number"
             raise LinkError(f"{link.name}: not sent: this is {this}, not {device_id}; see avc doctor --ports --ask")
         return push_over(connection, coupling, safe=safe, start_s=start, unsafe=unsafe)
 
@@ -150,8 +150,8 @@ def _notes(coupling: Coupling, device: Device) -> tuple[str, ...]:
     if faults:
         notes.append(f"the device gives no force until its faults are cleared (avc device --clear): {faults.word}")
     if force is None and tapped > most:
-        made = f"made without a limit, and in its trial a tap took {tapped:.3g}; give device.max_force_n"
-        notes.append(f"the device limits the force at {most:g}, the coupling was {made} and make it again")
+        made = f"made without a limit, and simulated taps needed {tapped:.3g}; give device.max_force_n"
+        notes.append(f"the device limits the force at {most:g}, the coupling was {made} and recommend again")
     if force is not None and force > most * _ROUNDED:
         made = f"made for {force:g}; its certificate does not know the lower limit"
         notes.append(f"the device limits the force at {most:g}, the coupling was {made}")
@@ -159,7 +159,7 @@ def _notes(coupling: Coupling, device: Device) -> tuple[str, ...]:
         then = "raise it after a successful first test: avc device --force-n F"
         notes.append(f"the device's force is limited to {device.lowered.force_n:g} at run time; {then}")
     if step and step * _ROUNDED < coarse:
-        made = f"made for {step:g}; its trial does not know the coarser steps"
+        made = f"made for {step:g}, and not simulated with the coarser steps"
         notes.append(f"the device's encoder has steps of {coarse:g}, the coupling was {made}")
     return tuple(notes)
 
@@ -192,9 +192,11 @@ def _check_limits(table: TableImage, device: BoardLimits, capacity_rows: int, po
     for column, (name, most, wall) in enumerate(limits, start=1):
         largest = table.rows[:, column].max()
         if largest > np.float32(most):
-            faults.append(f"{name} is {largest:.6g} and the device's limit {most:.6g}; narrow [coupling]")
+            faults.append(f"{name} is {largest:.6g} and the device's limit is {most:.6g}; narrow [coupling]")
         if wall > most:
-            faults.append(f"{name} of the wall is {wall:.6g} and the device's limit {most:.6g}; soften [environment]")
+            faults.append(
+                f"{name} of the wall is {wall:.6g} and the device's limit is {most:.6g}; soften [environment]"
+            )
     if table.max_force_n > device.max_force_n * _ROUNDED:
         faults.append(
             f"the coupling was made for a force limit of {table.max_force_n:g}, the device gives "

@@ -93,7 +93,7 @@ class Session:
                 if answer[0] == sequence:
                     return answer[1]
                 answer = yield Exchange(b"", wait_s)
-        raise NoAnswerError(f"no answer to {kind.name}; asked {trials} times")
+        raise NoAnswerError(f"no answer to {kind.name} after {trials} requests")
 
     def hello(self) -> Generator[Exchange, Answer, Device]:
         """Identify the device, which refuses a host of another interface."""
@@ -184,8 +184,8 @@ class Session:
         if status.contact and status.has_table and not status.faults:  # after a fault nothing of it runs
             why = "the device was in contact with the wall that it runs"
         raise InContactError(
-            f"{why} for {CONTACT_TRIALS * CONTACT_WAIT_S:.0f} s, and no coupling takes over there; it runs what it ran "
-            "before: move it out of the wall, release it, and push again"
+            f"{why} for {CONTACT_TRIALS * CONTACT_WAIT_S:.0f} s, and a coupling takes over out of contact only; the "
+            "device still runs its previous coupling: move it out of the wall, release it, and push again"
         )
 
 

@@ -88,7 +88,7 @@ class TelemetryLog:
         self._path = path
         with _written(path):
             self._file = path.open("w", encoding="utf-8", newline="")
-            remark = f"at the device's own ticks; {columns[3]} along +{along}; a lost record is a gap in time"
+            remark = f"a record every few ticks; {columns[3]} positive along +{along}; a lost record is a gap in time"
             self._file.write(f"# avc monitor: {remark}\n{','.join(columns)}\n")
 
     def write(self, sample: TelemetrySample) -> None:
