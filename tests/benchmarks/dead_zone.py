@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from random_devices import drawn
+from drawn_devices import drawn
 from studied import about, computed, cpu_seconds, made_by, table
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "oracle"))
@@ -183,7 +183,7 @@ in a trial. *Looser* hands (20 to 100 g, 0.5 to
 3 N.s/m, 20 to 200 N/m) are no part of `[hands]`. *Before* is commit aece7f02. *Heavy and coarse* is reference-r1 with
 320 g, 61 um, 15 N and a wall of 12.7 kN/m.
 
-What was compared, with the program's first law on {chosen} devices drawn at random (`random_devices.drawn`, seed
+What was compared, with the program's first law on {chosen} devices drawn at random (`drawn_devices.drawn`, seed
 {chosen_seed}); of {hands} hands and {hands} loose grips, none with friction, after {motions} ({motion_names}).
 *All rest*: devices on which all hands do and 97 % of the loose grips, as `recommend` asks:
 

@@ -1,7 +1,7 @@
 """The observer laws of the program: beside release 0.3.0 on drawn devices, and beside many random starts.
 
 `python tests/benchmarks/laws.py --release FOLDER` writes RESULTS_laws.md; FOLDER is a checkout of 26f62a77, 0.3.0. Both
-programs answer for the same devices and walls (`random_devices.drawn`), with the same goals and guesses, each in
+programs answer for the same devices and walls (`drawn_devices.drawn`), with the same goals and guesses, each in
 processes of its own. Random starts draw the model and the feedback anew, 100 times for a device.
 """
 
@@ -21,7 +21,7 @@ from typing import Any
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before anything loads NumPy: the matrices are small
 
 import numpy as np
-from random_devices import drawn
+from drawn_devices import drawn
 from studied import about, computed, made_by, percent, table
 
 from avc_casadi.design.program import program_answers

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 from unittest import mock
 
-from random_devices import drawn
+from drawn_devices import drawn
 from studied import about, computed, made_by, table
 
 from avc_casadi.loops.plant_family import PlantFamily

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from random_devices import drawn
+from drawn_devices import drawn
 from studied import about, computed, cpu_seconds, made_by, percent, rounded, table
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "oracle"))
@@ -128,7 +128,7 @@ time includes trials of 100 hands, certificate and sensitivities.
 
 {named}
 
-Devices drawn at random (`random_devices.drawn`):
+Devices drawn at random (`drawn_devices.drawn`):
 
 {drawn}
 
