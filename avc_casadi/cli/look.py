@@ -195,7 +195,7 @@ def run_table1(args: argparse.Namespace, console: Console) -> Answer:
 
     The table shows with which couplings a wall is stable, and which coupling feels most like the wall.
     Walls VE4 to VE6 are fitted to the paper's column without coupling; all else is predicted.
-    This takes about a minute, with few hands too.
+    The command takes about a minute, even with few hands.
     """
     from avc_casadi._util.parallel import cluster, processors
     from avc_casadi.design.comparison.table1 import table1

@@ -182,7 +182,7 @@ def parse_problem(text: str, *, file: str = "problem.toml", name: str = "", fold
         lines = KeyLines(text)
         faults = [Fault(file, lines[path], dotted(path), message) for path, message in result]
     except RecursionError as error:
-        raise InputError.of("is nested too deeply; allowed: tables as in the catalogue", file=file) from error
+        raise InputError.of("is nested too deeply; allowed: tables as in the built-in problems", file=file) from error
     raise InputError(sorted(faults, key=lambda fault: (fault.line is None, fault.line or 0)))
 
 

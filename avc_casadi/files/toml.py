@@ -34,13 +34,13 @@ def tables_of(text: str, file: str) -> dict[str, Any]:
     long_key = re.search(dots, text, re.ASCII)
     if long_key is not None:
         line = text.count("\n", 0, long_key.start()) + 1
-        raise InputError([Fault(file, line, "", "a key has more than 32 parts; allowed: keys as in the catalogue")])
+        raise InputError([Fault(file, line, "", "a key has more than 32 parts; allowed: keys of a problem file")])
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise InputError([_syntax_fault(str(error), text, file)]) from error
     except RecursionError as error:
-        raise InputError.of("is nested too deeply; allowed: tables as in the catalogue", file=file) from error
+        raise InputError.of("is nested too deeply; allowed: tables as in the built-in problems", file=file) from error
     except ValueError as error:  # of the integer conversion, without a line
         message = "has an integer of thousands of digits; allowed: numbers as in the built-in problems"
         raise InputError.of(message, file=file) from error

@@ -214,8 +214,8 @@ def _check_motion(records: Sequence[Record], step_m: float | None) -> None:
         )
     elif not any(np.ptp(record.position_m[skip:]) for record in records):
         message = (
-            f"move in the first {number(skip * records[0].sample_time_s)} s only, which the model needs as its start; "
-            "log a longer motion (such as the multisine of avc excite)"
+            f"move in the first {number(skip * records[0].sample_time_s)} s only, and the fit needs this time to "
+            "begin; log a longer motion (such as the multisine of avc excite)"
         )
     elif only_feedback(records):
         message = (
