@@ -145,7 +145,7 @@ def _columns(path: str | Path, layout: Layout) -> Columns:
     except _UNREADABLE as error:
         first = str(error).partition("\n")[0][:200] or type(error).__name__
         hint = "; save it with -v7" if isinstance(error, NotImplementedError) else ""
-        raise InputError.of(f"is not read as {ending} ({first}){hint}", file=file) from error
+        raise InputError.of(f"cannot be read as {ending} ({first}){hint}", file=file) from error
 
 
 def _npz(stream: BinaryIO) -> Mapping[str, Any]:
