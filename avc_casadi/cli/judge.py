@@ -109,10 +109,16 @@ def run_trial(args: argparse.Namespace, console: Console) -> Answer:
     The count has an exact confidence interval. A table [law] runs with its nonlinear pieces.
     With a law, hands press, strike and tap, and the device is released. An integral adds a long press.
     Friction compensation is also tried with less friction. Exit code 1 if a law does not come to rest.
+    Hands guide, hold and release an admittance device, and push it against its contacts.
     """
     from avc_casadi._util.parallel import cluster, processors
+    from avc_casadi.cli import admittance
     from avc_casadi.cli.law import states_law
+    from avc_casadi.files.admittance_file import is_admittance
     from avc_casadi.simulation.population.law_trial import LAW_HANDS, try_law
+
+    if is_admittance(args.coupling):
+        return admittance.tried(args, console)
     from avc_casadi.simulation.population.trial import count_at_rest
 
     if states_law(args.coupling, None):

@@ -1,25 +1,23 @@
-"""Rows of a trial of a user's own law: how many hands settle, how it swings or hunts, and with less friction."""
+"""Rows of trials of a user's own law, and of an admittance law: how many hands settle, and what they feel."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from shlex import quote
 
 from avc_casadi._util.json_values import plain
-from avc_casadi.present.row import Answer, Mark, Part, Parts, Row, Value, commas, grade, parts, row
-from avc_casadi.present.rows import pieces, subject
+from avc_casadi.present.row import Answer, Mark, Part, Parts, Row, Value, commas, count, grade, parts, row
+from avc_casadi.present.rows import admittance, pieces, subject
+from avc_casadi.simulation.population.admittance_trial import AdmittanceTrial, ContactRebound
 from avc_casadi.simulation.population.law_trial import LawCase, LawTrial, LimitCycle
 
 
 def law_trial(result: LawTrial, shown: str = "") -> Answer:
     """Return the answer of `trial` of a law."""
     problem, case = result.problem, result.declared
-    low, high = (f"{100 * end:.4g}" for end in result.at_rest_interval)
-    interval = f"hands in every motion ({100 * result.confidence:g} % interval {low} to {high} %)"
-    settled = (Value(case.at_rest, "number", 9), "of", Value(result.hands, "number", 9), interval)
     rows = [
-        row("Settle", settled, mark=grade(case.at_rest == result.hands)),
-        row("By motion", ", ".join(f"{name} {count}" for name, count in case.by_motion.items())),
+        *_settled(case, result),
         *_cycles(case),
         *_released(case),
         *_relay(result),
@@ -39,14 +37,28 @@ def law_trial(result: LawTrial, shown: str = "") -> Answer:
     return Answer("trial", document, title, tuple(rows), units=problem.units, code=0 if result.rests else 1)
 
 
+def _settled(counts: LawCase | AdmittanceTrial, trial: LawTrial | AdmittanceTrial) -> tuple[Row, Row]:
+    """Return how many hands of a trial settle, in all motions and in each."""
+    low, high = (f"{100 * end:.4g}" for end in trial.at_rest_interval)
+    interval = f"hands in every motion ({100 * trial.confidence:g} % interval {low} to {high} %)"
+    settled = (Value(counts.at_rest, "number", 9), "of", Value(trial.hands, "number", 9), interval)
+    by_motion = ", ".join(f"{name} {count}" for name, count in counts.by_motion.items())
+    return row("Settle", settled, mark=grade(counts.at_rest == trial.hands)), row("By motion", by_motion)
+
+
+def _numbers(moving: tuple[int, ...]) -> Iterator[Row]:
+    """Yield which hands do not settle."""
+    if moving:
+        yield row("Do not settle", f"by their number in the draw: {', '.join(map(str, moving))}")
+
+
 def _cycles(case: LawCase) -> Iterator[Row]:
     """Yield how hands that do not settle swing, and how a long press hunts."""
     if case.swings is not None:
         yield row("Swings", cycle(case.swings), mark=Mark.FAIL)
     if case.hunts is not None:
         yield row("Hunts", cycle(case.hunts), "in a long press: the integral passes the friction", mark=Mark.CAUTION)
-    if case.moving:
-        yield row("Do not settle", f"by their number in the draw: {', '.join(map(str, case.moving))}")
+    yield from _numbers(case.moving)
 
 
 def _relay(result: LawTrial) -> Iterator[Row]:
@@ -102,3 +114,65 @@ def cycle(motion: LimitCycle) -> tuple[Part, ...]:
     if not math.isfinite(motion.frequency_hz):
         return parts(size, "in a second, without a turn")
     return parts(Value(motion.frequency_hz, "frequency"), ",", size, "peak to peak")
+
+
+def admittance_trial(result: AdmittanceTrial, shown: str = "") -> Answer:
+    """Return the answer of `trial` of an admittance law."""
+    problem, effort, released = result.problem, result.effort, result.released
+    assert problem.law is not None  # noqa: S101 - it was tried
+    way = ("at 1 Hz,", Value(effort.way_m, "length"), "to each side:")
+    forces = commas([(Value(effort.peak_n, "force"), "peak"), (Value(effort.rms_n, "force"), "rms")])
+    speeds = (Value(released.largest_m_per_s, "speed"), "at most after release at")
+    rows = [
+        *_settled(result, result),
+        *_numbers(result.moving),
+        row("Effort", way, forces, ",", Value(effort.effort_ns_per_m, "damping")),
+        row("Released", speeds, Value(released.at_release_m_per_s, "speed"), ", moves on by", _length(released.way_m)),
+        *_rebounds(result.rebound),
+        *_limits(result),
+        row("Simulated", _simulated(result)),
+    ]
+    shown = shown or admittance.name_of(problem)
+    return Answer(
+        kind="trial-admittance",
+        data={**plain(result), "problem": problem.name},
+        title=parts(
+            shown, "·", admittance.law_line(problem.law.admittance), f"· {result.hands} hands, seed {result.seed}"
+        ),
+        rows=tuple(rows),
+        commands=(f"avc certify {quote(shown)}",),
+        units=problem.units,
+        code=0 if result.rests else 1,
+    )
+
+
+def _length(length_m: float) -> Value:
+    return Value(length_m, "length")
+
+
+def _rebounds(rebound: ContactRebound | None) -> Iterator[Row]:
+    """Yield how a handle leaves a contact."""
+    if rebound is None:
+        return
+    pressed = ("a pressed handle leaves the contact by", _length(rebound.pressed_m), "at most")
+    pushed = ("; released there, by", _length(rebound.released_m), "at", Value(rebound.released_m_per_s, "speed"))
+    yield row("Rebound", pressed, pushed)
+
+
+def _limits(result: AdmittanceTrial) -> Iterator[Row]:
+    """Yield with how many hands a limit is reached, beyond which no linear claim is true."""
+    device = result.problem.device
+    if result.at_speed_limit:
+        limit = ("hands reach the largest speed,", Value(device.max_speed_m_per_s, "speed"))
+        yield row("Speed limit", count(result.at_speed_limit), limit, mark=Mark.CAUTION)
+    if result.at_force_limit:
+        limit = ("hands reach the end of the sensor's range,", Value(device.force_sensor.max_force_n, "force"))
+        yield row("Force limit", count(result.at_force_limit), limit, mark=Mark.CAUTION)
+
+
+def _simulated(result: AdmittanceTrial) -> str:
+    sensor = result.problem.device.force_sensor
+    noise = "sensor noise and resolution" if sensor.noise_rms_n or sensor.resolution_n else "a sensor without noise"
+    contacts = f"{result.contacts} contacts for each hand" if result.contacts > 1 else "a contact for each hand"
+    devices = f", on {result.devices} devices of the declared ranges" if result.devices > 1 else ""
+    return f"{noise}, {contacts if result.contacts else 'no contact'}{devices}"
