@@ -17,6 +17,7 @@ from avc_casadi._errors import InputError
 from avc_casadi._util.arrays import ComplexArray, FloatArray
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.printed import Printed
+from avc_casadi._util.progress import SILENT, Progress, Stages
 from avc_casadi._util.text import quantity
 from avc_casadi.claims.law_limits import LawLimits, stacked
 from avc_casadi.claims.stated_law import noise_gain
@@ -53,6 +54,8 @@ _CHANGES = 12
 _REFINEMENTS = 5
 # Shares of a delay that are looked at.
 _DELAY_SHARES = (0.75, 0.5, 0.25, 0.0)
+# Limits that a certificate looks for: of mass, damping and contact.
+_LIMITS = 3
 # A rough disk margin is right to a per cent.
 _SOUND_ROUGHLY = 1.02 * SOUND_DISK
 
@@ -347,7 +350,11 @@ class AdmittanceCertificate(Printed):
 
 
 def certify_admittance(
-    problem: AnyAdmittance, *, law: Mapping[str, Any] | None = None, remedies: bool = True
+    problem: AnyAdmittance,
+    *,
+    law: Mapping[str, Any] | None = None,
+    remedies: bool = True,
+    progress: Progress = SILENT,
 ) -> AdmittanceCertificate:
     """Judge the law of an admittance device: stable with every hand and contact, its limits, and what would help.
 
@@ -356,6 +363,7 @@ def certify_admittance(
         law: keys of `[law] admittance` in place of those of the problem: mass_kg, damping_ns_per_m, stiffness_n_per_m,
             cutoff_hz.
         remedies: look for what would help too.
+        progress: told which stage begins.
 
     Raises:
         InputError: a value that is refused, or no law.
@@ -373,20 +381,40 @@ def certify_admittance(
         raise InputError.of(f"is missing; {allowed}", file=stated.name or "problem", key="law")
     own = stated.law.admittance
     analysis = HandleAnalysis(stated)
-    certificate = AdmittanceCertificate(
-        problem=stated,
-        law=own,
-        cases=tuple(analysis.case(own, side) for side in analysis.family.sides),
-        mass_range_kg=analysis.interval(own, "mass_kg"),
-        damping_range_ns_per_m=analysis.interval(own, "damping_ns_per_m"),
-        stiffest_contact_n_per_m=analysis.stiffest_contact_n_per_m(own),
-        noise_m_per_s=velocity_noise(own, stated.device),
-        drift_m_per_s=drift(own, stated.device),
-        remedies=() if remedies else None,
-    )
-    if not remedies or (certificate.passed and certificate.disk_margin >= SOUND_DISK):
+    ways = tuple(_ways(own, stated)) if remedies else ()
+    stages = Stages(progress, len(analysis.family.sides) + _LIMITS + len(ways))
+    certificate = _judged(analysis, own, stages)
+    if not remedies:
         return certificate
-    return replace(certificate, remedies=tuple(admittance_remedies(own, analysis)))
+    found = []
+    for way in () if certificate.passed and certificate.disk_margin >= SOUND_DISK else ways:
+        stages.begin(f"another {way.key}")
+        found.append(_least_change(analysis, way))
+    return replace(certificate, remedies=tuple(remedy for remedy in found if remedy is not None))
+
+
+def _judged(analysis: HandleAnalysis, law: VirtualImpedance, stages: Stages) -> AdmittanceCertificate:
+    """Return the verdict on a law with its limits, without remedies."""
+    problem, cases = analysis.problem, []
+    for side in analysis.family.sides:
+        stages.begin(f"handle {side.handle}")
+        cases.append(analysis.case(law, side))
+    stages.begin("stable masses")
+    masses = analysis.interval(law, "mass_kg")
+    stages.begin("stable dampings")
+    dampings = analysis.interval(law, "damping_ns_per_m")
+    stages.begin("stiffest contact")
+    return AdmittanceCertificate(
+        problem=problem,
+        law=law,
+        cases=tuple(cases),
+        mass_range_kg=masses,
+        damping_range_ns_per_m=dampings,
+        stiffest_contact_n_per_m=analysis.stiffest_contact_n_per_m(law),
+        noise_m_per_s=velocity_noise(law, problem.device),
+        drift_m_per_s=drift(law, problem.device),
+        remedies=None,
+    )
 
 
 def velocity_noise(law: VirtualImpedance, device: AdmittanceDevice) -> float:
@@ -405,14 +433,6 @@ def drift(law: VirtualImpedance, device: AdmittanceDevice) -> float:
     if law.stiffness_n_per_m or not device.force_sensor.resolution_n:
         return 0.0
     return device.force_sensor.resolution_n / law.damping_ns_per_m if law.damping_ns_per_m else math.inf
-
-
-def admittance_remedies(law: VirtualImpedance, analysis: HandleAnalysis) -> Iterator[AdmittanceRemedy]:
-    """Yield the least change of each number of law and device that leaves a sound disk margin, as its loops show."""
-    for way in _ways(law, analysis.problem):
-        found = _least_change(analysis, way)
-        if found is not None:
-            yield found
 
 
 @dataclass(frozen=True)
@@ -477,7 +497,10 @@ def with_device_value(problem: AdmittanceProblem, key: str, value: float) -> Adm
 
 
 def _least_change(analysis: HandleAnalysis, way: _Way) -> AdmittanceRemedy | None:
-    """Return the first of some values that is sound, by bisection towards the one before, and confirmed."""
+    """Return the least change of a number that leaves a sound disk margin, as its loops show; None where none does.
+
+    The first sound one of its values is taken, by bisection towards the one before, and confirmed by a search.
+    """
     analyses: dict[float, HandleAnalysis] = {}
 
     def margin(value: float, *, confirmed: bool = False) -> float:

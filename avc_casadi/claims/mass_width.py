@@ -250,7 +250,7 @@ def mass_width(problem: AnyAdmittance, progress: Progress = SILENT) -> MassWidth
 
     Args:
         problem: an `AdmittanceProblem`, its file or name.
-        progress: told how many dampings are done.
+        progress: told how many searches and dampings are done.
 
     Raises:
         InputError: a value that is refused.
@@ -266,7 +266,9 @@ def mass_width(problem: AnyAdmittance, progress: Progress = SILENT) -> MassWidth
     first = MassSpans.of(analysis, own)
     dampings = first.scales.dampings_ns_per_m
     # What is the worst on the edge of the region joins the plants of its curves.
-    for damping in dampings[_DAMPINGS // _SEARCHED - 1 :: _DAMPINGS // _SEARCHED].tolist():
+    total = _SEARCHED + _DAMPINGS
+    for number, damping in enumerate(dampings[_DAMPINGS // _SEARCHED - 1 :: _DAMPINGS // _SEARCHED].tolist()):
+        progress.advance(number, total, "hands and contacts")
         edge = first.at(damping, sound=True)
         if math.isfinite(edge.low):
             mass = edge.low or float(first.scales.masses_kg[0])
@@ -276,7 +278,7 @@ def mass_width(problem: AnyAdmittance, progress: Progress = SILENT) -> MassWidth
     for row, damping in enumerate(dampings.tolist()):
         stable.append(spans.at(damping, sound=False))
         sound.append(spans.at(damping, sound=True))
-        progress.advance(row + 1, _DAMPINGS, "dampings")
+        progress.advance(_SEARCHED + row + 1, total, "dampings")
     least = np.array([found.low for found in stable])
     sound_least = np.array([found.low for found in sound])
     return MassWidth(

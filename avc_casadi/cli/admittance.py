@@ -29,7 +29,7 @@ def certified(args: argparse.Namespace, console: Console) -> Answer:
     problem = avc.load_admittance(args.problem)
     typed = {key: getattr(args, option) for option, key in _LAW.items() if getattr(args, option) is not None}
     with console.step("admittance law"):
-        return rows.admittance.certificate(avc.certify_admittance(problem, law=typed), args.problem)
+        return rows.admittance.certificate(avc.certify_admittance(problem, law=typed, progress=console), args.problem)
 
 
 def recommended(args: argparse.Namespace, console: Console) -> Answer:

@@ -17,7 +17,7 @@ import numpy as np
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.printed import Printed
-from avc_casadi._util.progress import SILENT, Progress
+from avc_casadi._util.progress import SILENT, Progress, Stages
 from avc_casadi.claims.admittance import (
     AdmittanceCertificate,
     HandleAnalysis,
@@ -42,6 +42,8 @@ _FELT_RATIO = 1.01
 _SEARCHES = 5
 # What a search refuses is set back by this share of its margin.
 _BACK_OFF = 1.02
+_OTHER_STAGES = 3
+"""Stages of a usual recommendation besides low passes and changes: a search, the law of the file, the certificate."""
 _CHANGES = {
     "drive_bandwidth_hz": 2.0,
     "delay_samples": 0.5,
@@ -172,7 +174,7 @@ def recommend_admittance(problem: AnyAdmittance, progress: Progress = SILENT) ->
 
     Args:
         problem: an `AdmittanceProblem`, its file or name.
-        progress: told which step is done.
+        progress: told which stage begins.
 
     Raises:
         InputError: a value that is refused.
@@ -187,28 +189,32 @@ def recommend_admittance(problem: AnyAdmittance, progress: Progress = SILENT) ->
     analysis = HandleAnalysis(stated)
     law, limit = None, SOUND_DISK * _BACK_OFF
     cutoffs = _cutoffs(base, stated)
+    stages = Stages(progress, len(cutoffs) + _OTHER_STAGES + len(_CHANGES))
     for _ in range(_SEARCHES):
-        law = _least_effort(analysis, [base.model_copy(update={"cutoff_hz": hz}) for hz in cutoffs], limit)
+        law = _least_effort(analysis, [base.model_copy(update={"cutoff_hz": hz}) for hz in cutoffs], limit, stages)
         if law is None:
             break
         law = _rounded(law)
         cutoffs = (law.cutoff_hz,)
+        stages.begin("hands and contacts")
         margin = analysis.confirmed_margin(law)
         if margin >= SOUND_DISK:
             break
         limit *= min(_BACK_OFF * SOUND_DISK / max(margin, SOUND_DISK / 2), _BACK_OFF**4)
         law = None
+    stages.begin("least mass and damping")
     least_mass, least_damping = _at_own(analysis, own, limit)
     if law is None:
         return AdmittanceRecommendation(stated, None, math.inf, least_mass, least_damping, ())
     chosen = stated.changed(law={"admittance": law.model_dump(exclude_none=True)})
+    stages.begin("certificate")
     return AdmittanceRecommendation(
         problem=chosen,
         certificate=certify_admittance(chosen, remedies=False),
         effort_ns_per_m=effort_ns_per_m(law),
         least_mass_kg=least_mass,
         least_damping_ns_per_m=least_damping,
-        helps=tuple(_better_devices(analysis, law, limit, progress)),
+        helps=tuple(_better_devices(analysis, law, limit, stages)),
     )
 
 
@@ -233,9 +239,14 @@ def _up(value: float) -> float:
     return float(f"{math.ceil(value / step * (1 - 1e-9)) * step:.6g}")
 
 
-def _least_effort(analysis: HandleAnalysis, bases: Sequence[VirtualImpedance], limit: float) -> VirtualImpedance | None:
-    found = [law for base in bases if (law := _Choice.of(analysis, base).best(limit)) is not None]
-    return min(found, key=effort_ns_per_m, default=None)
+def _least_effort(
+    analysis: HandleAnalysis, bases: Sequence[VirtualImpedance], limit: float, stages: Stages
+) -> VirtualImpedance | None:
+    found = []
+    for base in bases:
+        stages.begin("force without a filter" if base.cutoff_hz is None else f"force below {base.cutoff_hz:g} Hz")
+        found.append(_Choice.of(analysis, base).best(limit))
+    return min((law for law in found if law is not None), key=effort_ns_per_m, default=None)
 
 
 def _at_own(analysis: HandleAnalysis, own: VirtualImpedance | None, limit: float) -> tuple[float | None, float | None]:
@@ -250,12 +261,13 @@ def _at_own(analysis: HandleAnalysis, own: VirtualImpedance | None, limit: float
 
 
 def _better_devices(
-    analysis: HandleAnalysis, law: VirtualImpedance, limit: float, progress: Progress
+    analysis: HandleAnalysis, law: VirtualImpedance, limit: float, stages: Stages
 ) -> Iterator[BetterDevice]:
     """Yield what a better value of the device would allow, the least effort first."""
     problem = analysis.problem
     found = []
-    for number, (key, factor) in enumerate(_CHANGES.items(), start=1):
+    for key, factor in _CHANGES.items():
+        stages.begin(f"with another {key}")
         before = problem.device.value(key)
         if before == 0:
             continue
@@ -264,5 +276,4 @@ def _better_devices(
         if better is not None and effort_ns_per_m(better) < effort_ns_per_m(law):
             effort = effort_ns_per_m(better)
             found.append(BetterDevice(key, before * factor, better.mass_kg, better.damping_ns_per_m, effort))
-        progress.advance(number, len(_CHANGES), f"with another {key}")
     yield from sorted(found, key=lambda better: better.effort_ns_per_m)

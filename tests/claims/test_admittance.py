@@ -7,6 +7,7 @@ import pytest
 from admittance_loop import PlainDevice, growth, largest_pole
 
 import avc_casadi as avc
+from avc_casadi._util.progress import Progress
 from avc_casadi.claims.admittance import HandleAnalysis
 from avc_casadi.loops.handle import HandleFamily, leading_poles, plants_of
 from avc_casadi.loops.loop import Body
@@ -208,3 +209,36 @@ def test_a_narrow_band_of_hands_is_found_where_the_sensor_swings_by_half_a_turn_
     found = HandleFamily.of(problem).sides[0].worst_case(leading_poles(law))
     fine = [largest_pole(PlainDevice.of(problem, mass, 5.3, 586.0)) for mass in np.geomspace(0.1, 1.8, 600)]
     assert found.radius >= max(fine) - 2e-5
+
+
+class Recorded(Progress):
+    """Keeps what it is told."""
+
+    def __init__(self):
+        self.seen = []
+
+    def advance(self, done, total, part=""):
+        assert 0 <= done <= total
+        self.seen.append((done, total, part))
+
+
+@pytest.mark.slow
+def test_each_long_answer_says_which_stage_it_is_at():
+    told = Recorded()
+    avc.certify_admittance("admittance/pedal", law={"damping_ns_per_m": 100.0}, progress=told)
+    parts = [part for _, _, part in told.seen]
+    assert parts[:5] == ["handle held", "handle released", "stable masses", "stable dampings", "stiffest contact"]
+    assert parts[5:7] == ["another mass_kg", "another mass_kg"]
+    assert [done for done, _, _ in told.seen] == list(range(len(parts)))
+    assert {total for _, total, _ in told.seen} == {len(parts)}
+    told = Recorded()
+    avc.recommend_admittance("admittance/pedal", progress=told)
+    parts = [part for _, _, part in told.seen]
+    assert parts[:2] == ["force below 60 Hz", "hands and contacts"]
+    assert parts[-1] == "with another handle_mass_kg"
+    told = Recorded()
+    avc.mass_width("admittance/pedal", progress=told)
+    dones = [done for done, _, _ in told.seen]
+    assert dones == sorted(set(dones))
+    assert told.seen[0][2] == "hands and contacts"
+    assert told.seen[-1][0] == told.seen[-1][1]
