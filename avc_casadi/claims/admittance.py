@@ -267,7 +267,8 @@ class AdmittanceCertificate(Printed):
         cases: the loop with what the handle carries: held, pressed and leaning where there is a contact, released.
         mass_range_kg: the virtual masses that are stable with this damping; None where none is.
         damping_range_ns_per_m: the dampings that are stable with this mass; None where none is.
-        stiffest_contact_n_per_m: up to which every contact is stable; 0 where none is, infinite without a limit.
+        stiffest_contact_n_per_m: up to which every contact is stable; 0 where none is, infinite without a limit. Not a
+            number where limits were not looked for, as the two ranges are None then.
         noise_m_per_s: rms of the commanded velocity at rest, of the noise and the steps of the sensor.
         drift_m_per_s: velocity at rest of a reading that is one step of the sensor off; infinite without damping, 0 on
             a spring.
@@ -301,6 +302,11 @@ class AdmittanceCertificate(Printed):
         return all(case.stable for case in self.cases)
 
     @property
+    def limited(self) -> bool:
+        """Whether its limits were looked for."""
+        return not math.isnan(self.stiffest_contact_n_per_m)
+
+    @property
     def disk_margin(self) -> float:
         """The smallest disk margin of all cases."""
         return min(case.margins.disk for case in self.cases)
@@ -321,7 +327,9 @@ class AdmittanceCertificate(Printed):
         return f"stable with every hand{' and contact' if self.problem.contact.touches else ''}, and released"
 
     def _cause(self) -> str:
-        """Return which number of the law is beyond which limit."""
+        """Return which number of the law is beyond which limit, or where the loop swings."""
+        if not self.limited:
+            return f"it swings at {self.worst.frequency_hz:.3g} Hz"
         unit = self.problem.units.unit
         mass, damping = self.law.mass_kg, self.law.damping_ns_per_m
         ranges = (
@@ -354,6 +362,7 @@ def certify_admittance(
     *,
     law: Mapping[str, Any] | None = None,
     remedies: bool = True,
+    limits: bool = True,
     progress: Progress = SILENT,
 ) -> AdmittanceCertificate:
     """Judge the law of an admittance device: stable with every hand and contact, its limits, and what would help.
@@ -363,6 +372,7 @@ def certify_admittance(
         law: keys of `[law] admittance` in place of those of the problem: mass_kg, damping_ns_per_m, stiffness_n_per_m,
             cutoff_hz.
         remedies: look for what would help too.
+        limits: find the stable masses, dampings and contacts too.
         progress: told which stage begins.
 
     Raises:
@@ -383,7 +393,7 @@ def certify_admittance(
     analysis = HandleAnalysis(stated)
     ways = tuple(_ways(own, stated)) if remedies else ()
     stages = Stages(progress, len(analysis.family.sides) + _LIMITS + len(ways))
-    certificate = _judged(analysis, own, stages)
+    certificate = _judged(analysis, own, stages, limits=limits)
     if not remedies:
         return certificate
     found = []
@@ -393,24 +403,28 @@ def certify_admittance(
     return replace(certificate, remedies=tuple(remedy for remedy in found if remedy is not None))
 
 
-def _judged(analysis: HandleAnalysis, law: VirtualImpedance, stages: Stages) -> AdmittanceCertificate:
-    """Return the verdict on a law with its limits, without remedies."""
+def _judged(analysis: HandleAnalysis, law: VirtualImpedance, stages: Stages, *, limits: bool) -> AdmittanceCertificate:
+    """Return the verdict on a law, and its limits, without remedies."""
     problem, cases = analysis.problem, []
     for side in analysis.family.sides:
         stages.begin(f"handle {side.handle}")
         cases.append(analysis.case(law, side))
-    stages.begin("stable masses")
-    masses = analysis.interval(law, "mass_kg")
-    stages.begin("stable dampings")
-    dampings = analysis.interval(law, "damping_ns_per_m")
-    stages.begin("stiffest contact")
+    masses = dampings = None
+    stiffest = math.nan
+    if limits:
+        stages.begin("stable masses")
+        masses = analysis.interval(law, "mass_kg")
+        stages.begin("stable dampings")
+        dampings = analysis.interval(law, "damping_ns_per_m")
+        stages.begin("stiffest contact")
+        stiffest = analysis.stiffest_contact_n_per_m(law)
     return AdmittanceCertificate(
         problem=problem,
         law=law,
         cases=tuple(cases),
         mass_range_kg=masses,
         damping_range_ns_per_m=dampings,
-        stiffest_contact_n_per_m=analysis.stiffest_contact_n_per_m(law),
+        stiffest_contact_n_per_m=stiffest,
         noise_m_per_s=velocity_noise(law, problem.device),
         drift_m_per_s=drift(law, problem.device),
         remedies=None,

@@ -83,11 +83,17 @@ def run_explore(args: argparse.Namespace, console: Console) -> Answer:
     import threading
     import webbrowser
 
+    from avc_casadi.files.admittance_file import is_admittance
     from avc_casadi.files.problem_file import require_device
+    from avc_casadi.present.explore.admittance import with_law
     from avc_casadi.present.explore.explorer import Explorer
     from avc_casadi.present.explore.server import ExploreServer, warm
+    from avc_casadi.present.explore.settings import Explored
 
-    problem = require_device(args.problem)
+    if is_admittance(args.problem):
+        problem: Explored = with_law(avc.load_admittance(args.problem))
+    else:
+        problem = require_device(args.problem)
     explorer = Explorer(problem, args.problem, package_versions())
     try:
         server = ExploreServer(explorer, args.port)

@@ -17,7 +17,7 @@ from avc_casadi.model.table import dotted, refused, shown
 AnyAdmittance = AdmittanceProblem | str | Path | Mapping[str, Any]
 """An admittance problem, a path or a name as `load_admittance` takes it, or the tables of such a file as a dict."""
 
-VERBS = "check, certify, recommend, trial, zwidth and export"
+VERBS = "check, certify, recommend, explore, trial, zwidth and export"
 """Commands that know admittance devices."""
 
 

@@ -142,6 +142,7 @@ class Contact(t.Table, End):
     """
 
     kind: ClassVar[str] = "contact"
+    couples: ClassVar[bool] = False
     required: ClassVar[str] = "a table with stiffness_n_per_m"
 
     stiffness_n_per_m: _Contacts = (0.0, 0.0)
@@ -270,6 +271,11 @@ class AdmittanceProblem(t.Table):
     def end(self) -> Contact:
         """What the device meets beyond a hand."""
         return self.contact
+
+    @property
+    def end_table(self) -> str:
+        """Name of the table that states the end."""
+        return "contact"
 
     @property
     def units(self) -> Units:

@@ -51,6 +51,8 @@ class End:
     """What a problem file has to state of it, in words."""
     in_scenes: ClassVar[bool] = False
     """Whether `avc simulate` has it."""
+    couples: ClassVar[bool] = True
+    """Whether a coupling to it is a file of its own, with gains; else it is a law in the problem."""
     beside_wall: ClassVar[bool] = False
     """Whether its problem may have couplings to its wall too."""
 

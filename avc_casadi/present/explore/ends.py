@@ -23,7 +23,7 @@ from avc_casadi.design.methods import solve
 from avc_casadi.design.scene_coupling import simulate
 from avc_casadi.design.tool_region import ToolRegion, tool_region
 from avc_casadi.design.virtual_tool import EndSearch, certify_pair, search_of
-from avc_casadi.files.problem_file import problem_document
+from avc_casadi.files.problem_file import dump_problem, problem_document
 from avc_casadi.model.control_law import ControlLaw
 from avc_casadi.model.declared import with_gains
 from avc_casadi.model.ends import End, Simulation, ToolGains, Wall
@@ -36,7 +36,7 @@ from avc_casadi.present import words
 from avc_casadi.present.explore.explorer import Explorer
 from avc_casadi.present.explore.settings import Settings, gains_of
 from avc_casadi.present.explore.verdict import Judged, Verdict, of_coupling, of_law, of_pair, of_stability
-from avc_casadi.present.row import Mark, Row, grade, row
+from avc_casadi.present.row import Mark, Part, Row, grade, row
 from avc_casadi.present.rows import subject
 from avc_casadi.present.rows.judge import own_law, passivity
 from avc_casadi.present.rows.other_ends import rendered_rows, stability
@@ -182,11 +182,23 @@ def found_by_method(
     return gains, replace(coupling, problem=problem, versions=explorer.versions)
 
 
+@singledispatch
+def headline_of(end: End, problem: Any) -> tuple[Part, ...]:  # noqa: ARG001
+    """Return the problem in a line."""
+    return subject.headline(problem, "")
+
+
+@singledispatch
+def file_of(end: End, problem: Any) -> str:  # noqa: ARG001
+    """Return the text of the file of a problem."""
+    return dump_problem(problem)
+
+
 _NAMES = {"own": "your K and B", "method": "recommended"}
 
 
 @singledispatch
-def page_answer(end: End, explorer: Explorer, settings: Settings, problem: Problem, extent: Extent) -> PageAnswer:
+def page_answer(end: End, explorer: Explorer, settings: Settings, problem: Any, extent: Extent) -> PageAnswer:
     """Return K and B of one's own to an end, next to the recommendation."""
     stated = settings.key()
     search = explorer.cached(f"search {stated}", lambda: search_of(end, problem))
@@ -356,7 +368,7 @@ def _region(explorer: Explorer, problem: Problem, stated: str, law: Mapping[str,
 
 
 @singledispatch
-def saved_coupling(end: End, explorer: Explorer, settings: Settings, problem: Problem) -> tuple[Coupling, str]:
+def saved_coupling(end: End, explorer: Explorer, settings: Settings, problem: Any) -> tuple[Coupling, str]:
     """Return the coupling to an end to save, and what is said of it: one's own K and B where they were typed."""
     recommended = None if settings.gains else explorer.coupling(settings)
     if recommended is not None:

@@ -20,9 +20,10 @@ from avc_casadi.claims.deployable import deployable
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.methods import solve
 from avc_casadi.design.registry import METHODS
+from avc_casadi.model.admittance import AdmittanceProblem, Contact, VirtualImpedance
 from avc_casadi.model.ends import End, Wall
-from avc_casadi.model.problem import Problem
 from avc_casadi.present.explore.settings import (
+    Explored,
     Form,
     RequestError,
     Settings,
@@ -30,9 +31,17 @@ from avc_casadi.present.explore.settings import (
     problem_fields,
     problem_of_settings,
 )
-from avc_casadi.present.explore.verdict import Judged, Verdict, of_coupling, of_recommendation
+from avc_casadi.present.explore.verdict import (
+    NONE_DEPLOYABLE,
+    Judged,
+    Verdict,
+    of_admittance,
+    of_coupling,
+    of_recommendation,
+)
 from avc_casadi.present.row import Mark, row
-from avc_casadi.present.rows import subject
+from avc_casadi.present.rows import admittance, subject
+from avc_casadi.recommendation.admittance import recommend_admittance
 from avc_casadi.recommendation.recommend import recommend
 
 T = TypeVar("T")
@@ -78,15 +87,25 @@ def _work(work: Callable[[Any, Progress], Any], task: Any, connection: Connectio
 
 @dataclass(frozen=True)
 class Solved:
-    """What a slow method has found: a coupling, or None where it finds none, and its verdict."""
+    """What a slow method has found: a coupling, or None where it finds none, and its verdict.
+
+    Of an admittance device it is a law.
+    """
 
     coupling: Coupling | None
     judged: Judged
+    admittance: VirtualImpedance | None = None
 
 
-def _solved(task: tuple[Problem, str], progress: Progress) -> Solved:
+def _solved(task: tuple[Explored, str], progress: Progress) -> Solved:
     """Return what a slow method finds."""
     problem, method = task
+    return solved(problem.end, problem, method, progress)
+
+
+@singledispatch
+def solved(end: End, problem: Any, method: str, progress: Progress) -> Solved:  # noqa: ARG001
+    """Return what a slow method finds for an end."""
     if method == "recommend":
         result = recommend(problem, progress=progress)
         return Solved(result.coupling, of_recommendation(result))
@@ -98,10 +117,24 @@ def _solved(task: tuple[Problem, str], progress: Progress) -> Solved:
     return Solved(coupling, Judged(of_coupling(found), [subject.deployable(found), *notes]))
 
 
+@solved.register
+def _solved_admittance(
+    end: Contact,  # noqa: ARG001
+    problem: AdmittanceProblem,
+    method: str,  # noqa: ARG001 - there is one
+    progress: Progress,
+) -> Solved:
+    found = recommend_admittance(problem, progress=progress)
+    rows = [shown for shown in admittance.recommendation(found).rows if shown.rank == 0]
+    if found.certificate is None:
+        return Solved(None, Judged(Verdict(Mark.FAIL, NONE_DEPLOYABLE), rows))
+    return Solved(None, Judged(of_admittance(found.certificate), rows), found.law)
+
+
 class SlowRun:
     """A slow method in a process of its own, with progress and cancellation."""
 
-    def __init__(self, problem: Problem, method: str) -> None:
+    def __init__(self, problem: Explored, method: str) -> None:
         self.began_s = self.wanted_s = time.monotonic()
         self.state = self.error = ""
         self.result: Solved | None = None
@@ -152,8 +185,8 @@ def _methods_of_wall(end: Wall) -> tuple[tuple[str, ...], tuple[str, ...]]:  # n
 class Explorer:
     """A problem to explore, and results by settings."""
 
-    def __init__(self, base: Problem, source: str, versions: Mapping[str, str] | None = None) -> None:
-        self.base = base
+    def __init__(self, base: Explored, source: str, versions: Mapping[str, str] | None = None) -> None:
+        self.base: Any = base
         self.source = source
         self.versions = versions or {}
         # A law stands beside the recommendation alone: other methods need a wall.
@@ -163,7 +196,7 @@ class Explorer:
         self._lock = threading.Lock()
         self._runs: dict[str, SlowRun] = {}
 
-    def problem(self, settings: Settings) -> Problem:
+    def problem(self, settings: Settings) -> Any:
         """Return the problem of the settings."""
         key = f"problem {settings.method in self.form.live} {settings.key('motion', 'gains')}"
         return self.cached(key, lambda: problem_of_settings(self.base, settings, self.form))
@@ -208,10 +241,15 @@ class Explorer:
                 self._runs[key] = run
             return run
 
-    def coupling(self, settings: Settings) -> Coupling | None:
+    def found(self, settings: Settings) -> Solved | None:
         """Return what the run of the settings has found; None where there is nothing yet."""
         run = self.run(settings)
-        return None if run is None or run.result is None else run.result.coupling
+        return None if run is None else run.result
+
+    def coupling(self, settings: Settings) -> Coupling | None:
+        """Return the coupling that the run of the settings has found; None where there is none yet."""
+        found = self.found(settings)
+        return None if found is None else found.coupling
 
     def judged(self, settings: Settings) -> Judged:
         """Return the verdict of the run of the settings: how far it is, or what it has found."""

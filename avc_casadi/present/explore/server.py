@@ -14,20 +14,20 @@ from urllib.parse import urlsplit
 from avc_casadi._errors import AvcError, Fault, InputError, fault_document
 from avc_casadi._util.json_values import json_text
 from avc_casadi.files.coupling_file import coupling_document
-from avc_casadi.files.problem_file import dump_problem, problem_document
-from avc_casadi.model.problem import Problem
-from avc_casadi.present.explore.ends import Extent, page_answer, saved_coupling
+from avc_casadi.present.explore import admittance as _admittance  # noqa: F401 - registers its functions
+from avc_casadi.present.explore.ends import Extent, file_of, headline_of, page_answer, saved_coupling
 from avc_casadi.present.explore.explorer import Explorer
 from avc_casadi.present.explore.settings import (
+    Explored,
     RequestError,
     Settings,
+    document_of,
     dropped_ranges,
     problem_of_settings,
     settings_of,
 )
 from avc_casadi.present.explore.verdict import Judged
 from avc_casadi.present.row import Mark, text_of
-from avc_casadi.present.rows.subject import headline
 
 
 def start(explorer: Explorer, _: Mapping[str, Any]) -> dict[str, Any]:
@@ -39,6 +39,7 @@ def start(explorer: Explorer, _: Mapping[str, Any]) -> dict[str, Any]:
         "live": form.live,
         "slow": form.slow,
         "method": OPENS_WITH["method"],
+        "couples": explorer.base.end.couples,
     }
 
 
@@ -52,10 +53,10 @@ def evaluate(explorer: Explorer, question: Mapping[str, Any]) -> dict[str, Any]:
     extent = _extent(question.get("extent", "rows"))
     problem = explorer.problem(settings)
     shown = page_answer(problem.end, explorer, settings, problem, extent)
-    tables = problem_document(problem)
+    tables = document_of(problem.end, problem)
     found: dict[str, Any] = {
         "title": problem.title or problem.name,
-        "headline": text_of(headline(problem, ""), problem.units).strip(),
+        "headline": text_of(headline_of(problem.end, problem), problem.units).strip(),
         "values": {field.key: field.value(tables) for field in form.fields},
         "dropped": dropped_ranges(explorer.base, settings, problem),
         "gains": shown.gains,
@@ -90,13 +91,13 @@ def _progress(explorer: Explorer, settings: Settings) -> dict[str, bool]:
     }
 
 
-def _rows(judged: Judged | None, problem: Problem) -> list[dict[str, str]]:
+def _rows(judged: Judged | None, problem: Explored) -> list[dict[str, str]]:
     """Return rows in the units of a problem."""
     units, rows = problem.units, () if judged is None else judged.rows
     return [{"label": row.name(units), "text": row.text(units), "mark": _mark(row.mark)} for row in rows]
 
 
-def _verdict(judged: Judged | None, problem: Problem) -> dict[str, str] | None:
+def _verdict(judged: Judged | None, problem: Explored) -> dict[str, str] | None:
     """Return a verdict in the units of a problem; None where none is known yet."""
     if judged is None or judged.verdict is None:
         return None
@@ -135,7 +136,7 @@ def file(explorer: Explorer, question: Mapping[str, Any]) -> dict[str, Any]:
     whole = problem_of_settings(explorer.base, settings, explorer.form, to_save=True)
     stem = f"{problem.name.replace('/', '-') or 'problem'}{'-b' if question.get('column') == 'b' else ''}"
     if kind == "problem":
-        return {"name": f"{stem}.toml", "text": dump_problem(whole)}
+        return {"name": f"{stem}.toml", "text": file_of(whole.end, whole)}
     if kind != "coupling":
         raise RequestError(400, "kind is problem or coupling")
     coupling, verdict = saved_coupling(problem.end, explorer, settings, problem)

@@ -14,6 +14,7 @@ from pydantic_core import PydanticCustomError
 
 from avc_casadi._errors import AvcError, Fault, InputError
 from avc_casadi.files.problem_file import problem_document, problem_of
+from avc_casadi.model.admittance import AdmittanceProblem
 from avc_casadi.model.control_law import ControlLaw
 from avc_casadi.model.device import Device
 from avc_casadi.model.ends import End, IntervalOf, Wall
@@ -21,6 +22,9 @@ from avc_casadi.model.problem import Problem
 from avc_casadi.model.quantity import Quantity, Whole, power_at_handle
 from avc_casadi.model.table import Table, choices_of, inside, tables_of
 from avc_casadi.present.row import quantity_of
+
+Explored = Problem | AdmittanceProblem
+"""What a page is about. Its functions are chosen by its end, a `Contact` of an admittance device."""
 
 _SLIDER_FACTOR = 30
 """Ratio of the ends of a logarithmic slider to its value."""
@@ -101,9 +105,21 @@ class Field:
         return None if rigid else value
 
 
-def problem_fields(problem: Problem) -> tuple[Field, ...]:
+@singledispatch
+def document_of(end: End, problem: Any) -> dict[str, Any]:  # noqa: ARG001
+    """Return a problem as JSON values, with its name and every value."""
+    return problem_document(problem)
+
+
+@singledispatch
+def read_document(end: End, tables: Mapping[str, Any]) -> Any:  # noqa: ARG001
+    """Return the problem of `document_of`, validated."""
+    return problem_of(tables, file="")
+
+
+def problem_fields(problem: Explored) -> tuple[Field, ...]:
     """Return the fields of a problem: those of its other end first."""
-    tables, hints = problem_document(problem), get_type_hints(type(problem), include_extras=True)
+    tables, hints = document_of(problem.end, problem), get_type_hints(type(problem), include_extras=True)
     fields: list[Field] = []
     for name in (problem.end_table, "device", "hands"):
         fields += _fields(problem, name, tables_of(hints[name])[0], tables.get(name) or {})
@@ -111,7 +127,7 @@ def problem_fields(problem: Problem) -> tuple[Field, ...]:
 
 
 @singledispatch
-def gain_fields(end: End, problem: Problem) -> tuple[Field, ...]:  # noqa: ARG001
+def gain_fields(end: End, problem: Any) -> tuple[Field, ...]:  # noqa: ARG001
     """Return the fields of one's own spring and damper to an end."""
     stiffness, damping = _usual_gains(problem, 0.0)
     return _gain_fields(problem, ("K", "B", "local"), (stiffness, damping, damping))
@@ -147,7 +163,7 @@ def _stated_law_fields(problem: Problem, law: ControlLaw) -> Iterator[Field]:
         hints = get_type_hints(type(table), include_extras=True)
         for name, value in table:
             is_number = isinstance(value, int | float) and name != "order"
-            for field in _of_value(problem, f"law{path}.{name}", hints[name], value) if is_number else ():
+            for field in of_value(problem, f"law{path}.{name}", hints[name], value) if is_number else ():
                 label = problem.units.key(_UNIT_ENDING.sub("", name)).replace("_", " ")
                 yield replace(field, group="Your own law", label=f"{before}{label}")
 
@@ -174,8 +190,8 @@ def _gain_fields(
     )
 
 
-def _fields(problem: Problem, path: str, model: type[Table], values: Mapping[str, Any]) -> Iterator[Field]:
-    skipped = {"model_config", "motion", "held", "range"}
+def _fields(problem: Explored, path: str, model: type[Table], values: Mapping[str, Any]) -> Iterator[Field]:
+    skipped = {"model_config", "motion", "held", "range", "drive"}
     if problem.units.linear:
         skipped.add("handle_radius_m")
     for name, hint in get_type_hints(model, include_extras=True).items():
@@ -185,10 +201,10 @@ def _fields(problem: Problem, path: str, model: type[Table], values: Mapping[str
         if inner:
             yield from _fields(problem, key, inner[0], values.get(name) or {})
         else:
-            yield from _of_value(problem, key, hint, values.get(name))
+            yield from of_value(problem, key, hint, values.get(name))
 
 
-def _of_value(problem: Problem, key: str, hint: Any, value: Any) -> Iterator[Field]:
+def of_value(problem: Explored, key: str, hint: Any, value: Any) -> Iterator[Field]:
     """Yield the field of a value; of a pair its least and its most."""
     table, *names = key.split(".")
     words = [problem.units.key(_UNIT_ENDING.sub("", name)) for name in names]
@@ -218,7 +234,7 @@ def _of_value(problem: Problem, key: str, hint: Any, value: Any) -> Iterator[Fie
 
 
 def _number(
-    problem: Problem, key: str, group: str, label: str, read: Quantity | Whole | None, value: float | None, blank: str
+    problem: Explored, key: str, group: str, label: str, read: Quantity | Whole | None, value: float | None, blank: str
 ) -> Field:
     """Return the field of a number, whose slider spans a range about its value; `read` is its validator."""
     unit = "" if read is not None else "samples"
@@ -313,14 +329,34 @@ def gains_of(settings: Settings, form: Form) -> dict[str, float | None]:
     return gains
 
 
-def problem_of_settings(base: Problem, settings: Settings, form: Form, *, to_save: bool = False) -> Problem:
+def problem_of_settings(base: Any, settings: Settings, form: Form, *, to_save: bool = False) -> Any:
     """Return the problem of the settings."""
     # The numbers of a law are of the problem too: they are saved with it.
     values = settings.values | {key: value for key, value in settings.gains.items() if key.startswith(LAW)}
-    tables = problem_document(base)
-    _hold_elsewhere(tables, base.device, values.get("device.handle_radius_m"))
+    tables = document_of(base.end, base)
+    if "device.handle_radius_m" in values:
+        _hold_elsewhere(tables, base.device, values["device.handle_radius_m"])
     for key in sorted(values):
         _put(tables, key, values)
+    adapt(base.end, tables, base, settings, live=settings.method in form.live, to_save=to_save)
+    if values:
+        tables["title"] = ", ".join(filter(None, (base.title, "changed")))
+        tables["name"] = f"{base.name.replace('/', '-') or 'problem'}-explored"
+        tables["source"] = f"avc explore, begun from {base.name}"
+    return _checked(tables, settings, form, base)
+
+
+@singledispatch
+def adapt(
+    end: End,  # noqa: ARG001
+    tables: dict[str, Any],
+    base: Any,
+    settings: Settings,
+    *,
+    live: bool,
+    to_save: bool,
+) -> None:
+    """Take along what follows values that were typed: mode, frequencies, boundaries and the scene of the page."""
     if (tables["device"].get("resonance") or {}).get("frequency_hz") is None:
         tables["device"].pop("resonance", None)
     _end_below_nyquist(tables)
@@ -329,13 +365,8 @@ def problem_of_settings(base: Problem, settings: Settings, form: Form, *, to_sav
     if not to_save:
         motion = {"kind": settings.motion} | ({"frequency_hz": 2.0} if settings.motion == "tap" else {})
         tables["scene"] = {"duration_s": 1.5, "motion": motion}
-        if settings.method in form.live:  # each frequency alone follows at once
+        if live:  # each frequency alone follows at once
             tables["stability"]["scope"], tables["realism"]["require"] = "pointwise", "none"
-    if values:
-        tables["title"] = ", ".join(filter(None, (base.title, "changed")))
-        tables["name"] = f"{base.name.replace('/', '-') or 'problem'}-explored"
-        tables["source"] = f"avc explore, begun from {base.name}"
-    return _checked(tables, settings, form, base)
 
 
 def _scale_boundaries(tables: dict[str, Any], base: Problem) -> None:
@@ -347,11 +378,11 @@ def _scale_boundaries(tables: dict[str, Any], base: Problem) -> None:
                 tables["boundaries"][name][key] *= now / before
 
 
-def _checked(tables: dict[str, Any], settings: Settings, form: Form, base: Problem) -> Problem:
+def _checked(tables: dict[str, Any], settings: Settings, form: Form, base: Explored) -> Any:
     """Return the problem of tables; faults have the keys of their fields, in their units."""
     fields = {field.key: field for field in (*form.fields, *form.gains)}
     try:
-        return problem_of(tables, file="")
+        return read_document(base.end, tables)
     except InputError as error:
         faults = error.faults
     of_fields = []
@@ -366,7 +397,7 @@ def _checked(tables: dict[str, Any], settings: Settings, form: Form, base: Probl
     raise InputError(of_fields)
 
 
-def dropped_ranges(base: Problem, settings: Settings, problem: Problem) -> list[str]:
+def dropped_ranges(base: Explored, settings: Settings, problem: Explored) -> list[str]:
     """Return the keys of values typed anew that have a range in the device's file and none here."""
     before = base.device.range.model_dump(exclude_none=True)
     after = problem.device.range.model_dump(exclude_none=True)
@@ -431,7 +462,7 @@ def _hold_elsewhere(tables: dict[str, Any], before: Device, radius: Any) -> None
     if before.units.linear or not _is_number(radius) or not radius > 0:
         return
     ratio = radius / before.metres_per_unit
-    for table in (tables["hands"], tables["coupling"]):
+    for table in (tables["hands"], tables.get("coupling", {}), tables.get("contact", {})):
         for key, value in table.items():
             power = power_at_handle(key)
             if power and isinstance(value, list):

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import singledispatch
 
+from avc_casadi.claims.admittance import AdmittanceCertificate
 from avc_casadi.claims.deployable import Deployable
 from avc_casadi.claims.own_law import LawCertificate
 from avc_casadi.design.virtual_tool import WIDEST_MARGIN, PairCertificate
@@ -58,6 +59,16 @@ def of_law(certificate: LawCertificate) -> Verdict:
         return Verdict(Mark.FAIL, NOT_DEPLOYABLE, margin)
     sound = certificate.disk_margin >= SOUND_DISK and certificate.quiet
     return Verdict(grade(sound, Mark.CAUTION), DEPLOYABLE, margin)
+
+
+def of_admittance(certificate: AdmittanceCertificate) -> Verdict:
+    """Return the verdict on an admittance law; a thin margin is a caution."""
+    if not certificate.stable:
+        return Verdict(Mark.FAIL, "unstable")
+    margin = disk_margin(certificate.disk_margin)
+    if not certificate.passed:
+        return Verdict(Mark.FAIL, NOT_DEPLOYABLE, margin)
+    return Verdict(grade(certificate.disk_margin >= SOUND_DISK, Mark.CAUTION), DEPLOYABLE, margin)
 
 
 def of_stability(stable: bool) -> Verdict:

@@ -143,9 +143,7 @@ def certificate(result: AdmittanceCertificate, shown: str = "") -> Answer:
         _margins(result),
         _damping(result.cases),
         row("Worst case", worst_case(result.worst)),
-        row("Stable mass", _stretch(result.mass_range_kg, "mass"), "at this damping"),
-        row("Stable damping", _stretch(result.damping_range_ns_per_m, "damping"), "at this mass"),
-        _stiffest(result),
+        *_limits(result),
         _noise(result),
     ]
     if not sound and result.remedies is not None:
@@ -322,6 +320,17 @@ def _stretch(stable: Interval | None, of: Quantity) -> tuple[Part, ...]:
     if math.isinf(stable[1]):
         return (low, "and more") if stable[0] else ("any",)
     return (low, "to", high) if stable[0] else ("up to", high)
+
+
+def _limits(result: AdmittanceCertificate) -> list[Row]:
+    """Return the rows of limits, where they were looked for."""
+    if not result.limited:
+        return []
+    return [
+        row("Stable mass", _stretch(result.mass_range_kg, "mass"), "at this damping"),
+        row("Stable damping", _stretch(result.damping_range_ns_per_m, "damping"), "at this mass"),
+        _stiffest(result),
+    ]
 
 
 def _stiffest(result: AdmittanceCertificate) -> Row:

@@ -334,6 +334,11 @@ async function save(kind) {
 
 function build() {
   const option = (value, text = value) => made("option", { value }, text);
+  // A law in the problem is saved with it, and no scene touches it.
+  if (!about.couples) {
+    for (const id of ["save-coupling", "motion", "motion-label"]) get(id).hidden = true;
+    get("method-label").textContent = "law by";
+  }
   get("method").append(...[["at once", about.live], ["a run of seconds to minutes", about.slow]]
     .filter(([, names]) => names.length).map(([label, names]) => made("optgroup", { label }, ...names.map((one) => option(one)))));
   gains = new Fields(get("gains"), about.gains, (key, value, kind) => change(() => (current().gains[key] = value), kind), true);
