@@ -221,7 +221,7 @@ _STREAM_SHOWN_EVERY_S = 0.5
 
 
 @cli.verb(
-    cli.argument("subject", metavar="COUPLING", text="coupling file; or a problem, whose coupling is found first"),
+    cli.argument("subject", metavar="COUPLING", text="coupling file; or a problem: its coupling is found first"),
     *cli.PORT,
     cli.argument("--rate-hz", type=cli.positive, default=50.0, metavar="HZ", text=_STREAM_RATE),
     cli.argument("--seconds", type=cli.positive, default=5.0, metavar="S", text="set the duration in s (default: 5)"),

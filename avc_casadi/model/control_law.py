@@ -257,7 +257,7 @@ class LawNumber:
 
 
 class ControlLaw(t.Table):
-    """What a controller does: k, b and ki in the wall, the rest everywhere, then filters of the command.
+    """Your controller: k, b and ki act in the wall, all other pieces everywhere; filters act on the force command.
 
     With a `rate_divider` of n it runs at every n-th sample of the device, T n apart, and keeps its force between.
     """

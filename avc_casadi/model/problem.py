@@ -70,7 +70,7 @@ class GainBox(t.Table):
 
 
 class Stability(t.Table):
-    """The claim that the gains must meet: hold model, scope of frequencies, margin on Re Z_h   (12)."""
+    """What the gains must meet, (12): with which hold, at which frequencies, with which margin on Re Z_h."""
 
     model: Model = "paper"
     scope: Scope = "pointwise"
@@ -79,7 +79,7 @@ class Stability(t.Table):
 
 
 class Realism(t.Table):
-    """Error measure, just-noticeable difference as a share of |Z|, and the requirement on every row of gains."""
+    """The error that is minimised, the just-noticeable difference, and a requirement on every row of gains."""
 
     objective: Objective = "magnitude"
     jnd: q.Threshold = 0.10
@@ -97,7 +97,7 @@ class ScheduleSettings(t.Table):
 
 
 class Hands(t.Table):
-    """The set of hands, each value [lowest, highest]: corners and random draws of it are used."""
+    """The range of hands, each value [lowest, highest]; `avc` uses its corners and random hands inside it."""
 
     mass_kg: q.Pair[q.Mass] = (0.05, 0.3)
     damping_ns_per_m: q.Pair[q.Damping] = (3.0, 20.0)

@@ -138,7 +138,10 @@ def key_tables() -> str:
         left = [row for row in rows(model, place=(f"### [{name}]", "")) if row[0][1:-1].split(".")[0] not in inherited]
         parts.append(f"### [{name}]\n\n{said.replace('|', chr(92) + '|')}.\n\n{table(_HEAD, left)}")
         if name == "device":
-            parts[-1] += "\n\nA table `resonance` is all three keys or none; `range` says how well each value is known."
+            parts[-1] += (
+                "\n\nState all three keys of a table `resonance`, or leave the table out. `range` states how well each "
+                "value is known."
+            )
         choices: dict[str, list[type[BaseModel]]] = {}
         if name == "scene":
             choices = {"[scene.motion]": kinds("motion"), "[[scene.effects]]": kinds("effects")}
