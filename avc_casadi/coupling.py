@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import singledispatch
@@ -15,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from avc_casadi._errors import InputError
+from avc_casadi._util.json_values import Document
 from avc_casadi._util.units import Units
 from avc_casadi.model.device import CURRENT_LOOP_DAMPING_RATIO, Device
 from avc_casadi.model.ends import End, Follower, Simulation, ToolGains, Wall
@@ -52,6 +54,15 @@ def hash_of(runs: Mapping[str, Any]) -> str:
     return hashlib.sha256(json.dumps(runs, sort_keys=True).encode()).hexdigest()[:8]
 
 
+class TrialRecord(Document, ABC):
+    """What a coupling carries of its trial with simulated hands: the trial itself, or the record of it in a file."""
+
+    @property
+    @abstractmethod
+    def largest_tap_force_n(self) -> float:
+        """Largest force of a tap, N."""
+
+
 @dataclass(frozen=True, eq=False)
 class Coupling:
     """Gains and runtime with the loop that they were designed for.
@@ -63,8 +74,9 @@ class Coupling:
         schedule: result of the method at each frequency, with its reasons.
         table: the gains that run.
         runtime: observer, feedback, estimator, adaptation, guard.
-        certificate: its certificate with the verdict on deployment, a JSON document; None before it was certified.
-        trial: result with simulated hands, a JSON document; None before it was tried.
+        certificate: its certificate with the verdict on deployment, or the record of one in a file; None before it was
+            certified.
+        trial: result with simulated hands, or the record of one in a file; None before it was tried.
         versions: of the software that made it, by package.
         lacks: facts missing from an older file, a sentence each.
         end_type: kind of `end`, what it leads to: a problem with a follower may have couplings to its wall too. The
@@ -81,8 +93,8 @@ class Coupling:
     schedule: GainSchedule = field(repr=False)
     table: GainTable
     runtime: Runtime = field(default_factory=Runtime)
-    certificate: Mapping[str, Any] | None = field(default=None, repr=False)
-    trial: Mapping[str, Any] | None = field(default=None, repr=False)
+    certificate: Document | None = field(default=None, repr=False)
+    trial: TrialRecord | None = field(default=None, repr=False)
     versions: Mapping[str, str] = field(default_factory=dict, repr=False)
     lacks: tuple[str, ...] = ()
     end_type: type[End] = Wall
@@ -117,8 +129,8 @@ class Coupling:
         cls,
         problem: Problem,
         gains: ToolGains,
-        certificate: Mapping[str, Any] | None = None,
-        trial: Mapping[str, Any] | None = None,
+        certificate: Document | None = None,
+        trial: TrialRecord | None = None,
         versions: Mapping[str, str] | None = None,
     ) -> Coupling:
         """Return the coupling of a device to the other end of its problem."""
@@ -218,13 +230,9 @@ class Coupling:
         check_sample_time(self.sample_time_s, problem, f"coupling by {self.method} for {self.problem.name}")
         return replace(self, problem=problem, certificate=None, trial=None)
 
-    def with_certificate(self, certificate: Mapping[str, Any]) -> Coupling:
+    def with_certificate(self, certificate: Document) -> Coupling:
         """Return the same coupling with its certificate beside it."""
         return replace(self, certificate=certificate)
-
-    def with_trial(self, trial: Mapping[str, Any]) -> Coupling:
-        """Return the same coupling with the record of its trial beside it."""
-        return replace(self, trial=trial)
 
 
 @singledispatch

@@ -23,6 +23,7 @@ from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.units import Units
 from avc_casadi.claims.certify import Certificate, certify
 from avc_casadi.claims.hands import worst_case_behind_observer, worst_case_over_hands
+from avc_casadi.claims.levels import LevelResult
 from avc_casadi.coupling import Coupling, require_coupling
 from avc_casadi.loops.margins import LEAST_DISK, OpenLoop
 from avc_casadi.loops.plant_family import PlantFamily, WorstCase
@@ -386,6 +387,28 @@ def _feedback_claims(coupling: Coupling) -> tuple[DeployClaim, ...]:
 
 
 @dataclass(frozen=True)
+class DeployedCertificate(Document):
+    """The certificate that a coupling to a wall carries: the levels of its rows, and the verdict on its table.
+
+    Attributes:
+        certificate: the levels of its rows.
+        verdict: whether it may be deployed.
+    """
+
+    certificate: Certificate
+    verdict: Deployable
+
+    def with_level(self, level: LevelResult) -> DeployedCertificate:
+        """Return the certificate with another level."""
+        levels = self.certificate.levels | {level.level: level}
+        return replace(self, certificate=replace(self.certificate, levels=levels))
+
+    def document(self) -> dict[str, Any]:
+        """Return the JSON document."""
+        return self.certificate.document() | {"deployable": self.verdict.document()}
+
+
+@dataclass(frozen=True)
 class CertifiedCoupling:
     """What `avc certify` finds of a coupling to a wall: its certificate, and the verdict on the table that runs.
 
@@ -419,10 +442,10 @@ class CertifiedCoupling:
         }
 
 
-def with_certificate(coupling: Coupling, progress: Progress = SILENT, *, prove: bool = False) -> Coupling:
-    """Return the coupling with its certificate: the levels of its rows, and the verdict on the deployed table."""
-    found = certify(coupling.problem, coupling, prove=prove, progress=progress)
-    return coupling.with_certificate(found.document() | {"deployable": deployable(coupling, progress).document()})
+def certify_deployed(coupling: Coupling, progress: Progress = SILENT, *, prove: bool = False) -> DeployedCertificate:
+    """Return the certificate of a coupling: the levels of its rows, and the verdict on the deployed table."""
+    certificate = certify(coupling.problem, coupling, prove=prove, progress=progress)
+    return DeployedCertificate(certificate, deployable(coupling, progress))
 
 
 def require_deployable(coupling: Coupling, *, unsafe: bool = False) -> Deployable:

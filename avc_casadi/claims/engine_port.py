@@ -22,6 +22,7 @@ import numpy as np
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.arrays import ComplexArray, FloatArray
 from avc_casadi._util.json_values import plain
+from avc_casadi._util.page import Worded, worded
 from avc_casadi.claims.levels import ideal
 from avc_casadi.claims.llewellyn import llewellyn_margin
 from avc_casadi.loops.engine import EngineLoop, StepTiming, clocks
@@ -146,15 +147,8 @@ def engine_port(device: Device, hands: Hands, tool: Simulation, gains: ToolGains
     )
 
 
-_CLAIM = (
-    "the port between engine and coupling is passive, with the extreme hands of [hands] and released: stable with "
-    "any engine that is passive at this port, for any mass and contact of its tool. An engine is passive if it solves "
-    "the tool together with the coupling's force (implicit); an engine that moves a mass explicitly is not"
-)
-
-
 @dataclass(frozen=True)
-class PortPassivity:
+class PortPassivity(Worded):
     """Whether the port of an end is passive.
 
     Attributes:
@@ -168,7 +162,7 @@ class PortPassivity:
     def document(self) -> dict[str, Any]:
         """Return JSON values."""
         judged: dict[str, Any] = {"passive": None} if self.port is None else plain(self.port)
-        return judged | {"refused": self.refused or None, "claim": _CLAIM}
+        return judged | {"refused": self.refused or None, "claim": worded(self)}
 
 
 @singledispatch

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar
 
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.json_values import Document
@@ -54,12 +54,6 @@ class HandsDetail(Document):
     worst_device: dict[str, float] | None = None
     worst_share: float | None = None
 
-    @classmethod
-    def read(cls, values: Mapping[str, Any]) -> Self:
-        """Return the detail of a document."""
-        names = dict(entry if isinstance(entry, tuple) else (entry, entry) for entry in cls.JSON_KEYS)
-        return cls(**{names[key]: value for key, value in values.items() if key in names})
-
 
 @dataclass(frozen=True)
 class ProofDetail(Document):
@@ -68,10 +62,3 @@ class ProofDetail(Document):
     JSON_KEYS: ClassVar = ("proofs",)
 
     proofs: tuple[Mapping[str, Any], ...]
-
-
-def read_detail(name: str, values: Mapping[str, Any]) -> HandsDetail | ProofDetail | None:
-    """Return the detail of a level from its document; None where it has none."""
-    if name == "L7":
-        return ProofDetail(tuple(values.get("proofs", ())))
-    return HandsDetail.read(values) if name == "L5" and "released_pass" in values else None

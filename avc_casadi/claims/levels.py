@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, ClassVar, Literal
@@ -15,7 +14,7 @@ from avc_casadi._util.json_values import Document
 from avc_casadi._util.progress import SILENT, Progress, chunks
 from avc_casadi._util.text import quantity
 from avc_casadi.claims.impedance import worst_real_impedance
-from avc_casadi.claims.level_detail import HandsDetail, ProofDetail, read_detail
+from avc_casadi.claims.level_detail import HandsDetail, ProofDetail
 from avc_casadi.claims.llewellyn import llewellyn_margin
 from avc_casadi.claims.port import CouplingSlack, RenderingSlack, passive_hand, port_worst
 from avc_casadi.claims.worst_frequency import RELATIVE_TOLERANCE, lowest_of, worst_margin
@@ -264,34 +263,6 @@ class LevelResult(Document):
         """Return JSON values, with those of its detail."""
         detail = {} if self.detail is None else self.detail.document()
         return super().document() | detail
-
-
-def read_levels(document: Mapping[str, Any]) -> dict[str, LevelResult]:
-    """Return the levels of a certificate from its document, such as a coupling carries."""
-    stated: Mapping[str, Mapping[str, Any]] = document.get("levels", {})
-    return {name: _read_level(name, values) for name, values in stated.items() if name in LEVELS}
-
-
-def _read_level(name: str, values: Mapping[str, Any]) -> LevelResult:
-    """Return a level from its document; null is not a number."""
-    margin = values["margin_ns_per_m"]
-    frequency = values["frequency_hz"]
-    return LevelResult(
-        level=name,
-        passed=values["pass"],
-        margin_ns_per_m=np.nan if margin is None else margin,
-        frequency_hz=np.nan if frequency is None else frequency,
-        model=values["model"],
-        claim=values["claim"],
-        tolerance_ns_per_m=values["tolerance_ns_per_m"],
-        row=values["row"],
-        row_passed=np.array(values["row_pass"], dtype=bool),
-        row_margin_ns_per_m=np.array(values["row_margin_ns_per_m"], dtype=np.float64),
-        row_frequency_hz=np.array(values["row_frequency_hz"], dtype=np.float64),
-        detail=read_detail(name, values),
-        refused=values["refused"] or "",
-        outcome=values["outcome"] or "",
-    )
 
 
 @dataclass(frozen=True, eq=False)

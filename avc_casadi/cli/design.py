@@ -272,13 +272,12 @@ def run_solve(args: argparse.Namespace, console: Console) -> Answer:
     with console.step(f"certificate of {gains.rows} rows"):
         solution = SolvedGains.of(problem, gains, coupling, avc.certify(problem, gains, progress=console))
     if args.out is not None:
-        document = solution.document()
-        text = json_text(document, problem.units)
         if args.out.suffix.lower() == ".csv":
             text = gain_csv(gains)
-        elif coupling is not None:
-            certificate = document["certificate"] | {"deployable": document["deployable"]}
-            text = coupling_text(coupling.with_certificate(certificate), **document)
+        elif coupling is not None and solution.deployed_certificate is not None:
+            text = coupling_text(coupling.with_certificate(solution.deployed_certificate), **solution.document())
+        else:
+            text = json_text(solution.document(), problem.units)
         console.write(args.out, text)
     return rows.design.solution(solution, args.problem, args.out and str(args.out))
 

@@ -25,9 +25,10 @@ from avc_casadi.cli import arguments as cli
 from avc_casadi.cli.console import Console, output_folder, write_figure
 from avc_casadi.cli.law import hertz
 from avc_casadi.coupling import Coupling
+from avc_casadi.design.pair_certificate import certify_pair
 from avc_casadi.design.scene_coupling import SimulatedPair, SimulatedScene, law_scene, scene_coupling, scene_notes
 from avc_casadi.design.tool_region import tool_region
-from avc_casadi.design.virtual_tool import certify_pair, search_of
+from avc_casadi.design.virtual_tool import search_of
 from avc_casadi.files.coupling_file import coupling_document
 from avc_casadi.files.problem_file import require_device
 from avc_casadi.model.declared import with_gains
@@ -205,8 +206,9 @@ def coupling_text(coupling: Coupling, **further: Any) -> str:
 def _pair_certified(problem: avc.Problem, gains: ToolGains, file: str, console: Console) -> Answer:
     with console.step("certificate"):
         search = search_of(problem.end, problem)
-        certificate, why = certify_pair(problem, gains, search), search.why_not(gains)
-    result = rows.judge.CertifiedPair(problem, gains, file, certificate, why, not_used(problem))
+        certificate = certify_pair(problem, gains, search)
+        fault = search.fault(gains)
+    result = rows.judge.CertifiedPair(problem, gains, file, certificate, fault, not_used(problem))
     return rows.judge.pair_certificate(result)
 
 

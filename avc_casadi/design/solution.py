@@ -7,7 +7,7 @@ from typing import Any
 
 from avc_casadi._util.json_values import plain
 from avc_casadi.claims.certify import Certificate
-from avc_casadi.claims.deployable import Deployable, deployable
+from avc_casadi.claims.deployable import Deployable, DeployedCertificate, deployable
 from avc_casadi.coupling import Coupling
 from avc_casadi.files.coupling_file import gain_document
 from avc_casadi.loops.wall import passive_limit_n_per_m
@@ -52,6 +52,13 @@ class SolvedGains:
     def paper_errors(self) -> tuple[PaperError, ...]:
         """The errors of the printed paper, where the gains have them."""
         return PAPER_ERRORS if self.as_printed else ()
+
+    @property
+    def deployed_certificate(self) -> DeployedCertificate | None:
+        """The certificate that the coupling of the gains carries; None where no row has gains, or none was judged."""
+        if self.certificate is None or self.verdict is None:
+            return None
+        return DeployedCertificate(self.certificate, self.verdict)
 
     @property
     def passive_limit_n_per_m(self) -> float:

@@ -8,19 +8,41 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial, singledispatch
-from typing import Any
 
 import numpy as np
 
 from avc_casadi._util.arrays import FloatArray
-from avc_casadi._util.json_values import plain
-from avc_casadi.claims.engine_port import PortPassivity, port_passivity
+from avc_casadi._util.page import Worded
 from avc_casadi.loops.engine import ToolLoops
 from avc_casadi.loops.follower import FollowerLoops
-from avc_casadi.loops.loop_family import LeastDampedMode, LoopFamily, Loops, WithGainMargin
+from avc_casadi.loops.loop_family import LoopFamily, Loops, WithGainMargin
 from avc_casadi.model.ends import End, Follower, Simulation, ToolGains, not_known
 from avc_casadi.model.hands import Hand
 from avc_casadi.model.problem import Problem
+
+
+@dataclass(frozen=True)
+class PairMargins:
+    """Gain margins of a spring and damper to another end than a wall.
+
+    Attributes:
+        gain_margin: of K and B at both ends.
+        motor_margins: of the device's motor alone, and of the follower's.
+    """
+
+    gain_margin: float
+    motor_margins: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class PairFault(Worded):
+    """Why a spring and damper to another end should not run on a device.
+
+    Attributes:
+        least_gain_margin: the gain margin that it lacks; None of one that is unstable.
+    """
+
+    least_gain_margin: float | None = None
 
 
 @dataclass(frozen=True)
@@ -320,19 +342,16 @@ class CouplingSearch:
             margin = self.gain_margin(gains, motor)
         return margin
 
-    def margins(self, gains: ToolGains) -> dict[str, Any]:
+    def margins(self, gains: ToolGains) -> PairMargins:
         """Return the gain margins of K and B at both ends, and of the device's motor alone and the follower's."""
         motor_margins = [self.gain_margin_over_ranges(gains, motor) for motor in range(self.loops.motors)]
-        return {"gain_margin": self.gain_margin_over_ranges(gains), "motor_margins": motor_margins}
+        return PairMargins(self.gain_margin_over_ranges(gains), tuple(motor_margins))
 
-    def why_not(self, gains: ToolGains) -> str:
-        """Return why gains should not run on a device; empty where they may."""
-        thin = f"linearly stable with a gain margin below {self.least:g}, of K and B or of one motor alone"
-        faults: dict[str, Loops] = {"linearly unstable": self.loops, thin: self.deployable}
-        for fault, loops in faults.items():
-            if not loops.stable(gains) or loops.has_counterexample(gains):
-                return fault
-        return ""
+    def fault(self, gains: ToolGains) -> PairFault | None:
+        """Return why gains should not run on a device; None where they may."""
+        if _unstable(self.loops, gains):
+            return PairFault()
+        return PairFault(least_gain_margin=self.least) if _unstable(self.deployable, gains) else None
 
     def local_dampers_ns_per_m(self, gains: ToolGains) -> tuple[float, float]:
         """Return the range of the damper in the device's local loop with which K and B stay stable."""
@@ -389,6 +408,11 @@ class CouplingSearch:
             if not self.loops.stable(gains(after)):
                 return gains(self._edge(gains, before, after, 1 + self.options.precision))
         return gains(limit)
+
+
+def _unstable(loops: Loops, gains: ToolGains) -> bool:
+    """Return whether some loop is unstable, at the corners of the ranges or inside."""
+    return not loops.stable(gains) or loops.has_counterexample(gains)
 
 
 class EndSearch(CouplingSearch, ABC):
@@ -529,63 +553,3 @@ def edge(stable: Callable[[float], bool], low: float, high: float, precision: fl
         middle = math.sqrt(low * high)
         low, high = (middle, high) if stable(middle) else (low, middle)
     return low
-
-
-_CLAIM = (
-    "linear stability of the lifted loop: hands of [hands] and the device released, devices, tools, delays, steady "
-    "steps and contacts of their ranges (corners, then a search for the worst point inside), every phase of the clocks "
-    "(one where a step is a whole number of samples: it begins at a sample)"
-)
-
-
-@dataclass(frozen=True)
-class PairCertificate:
-    """Certificate of a spring and damper to another end than a wall: stability and passivity apart.
-
-    Attributes:
-        stable: whether all loops are stable, over all ranges.
-        spectral_radius: the largest, for a tick.
-        worst: the loop with it.
-        loops: number of loops.
-        gain_margin: of K and B at both ends.
-        motor_margins: of the device's motor alone, and of the follower's.
-        least_damped: the least damped oscillation; None where a loop is unstable.
-        passivity: that of the port of the end; None where it has none.
-    """
-
-    stable: bool
-    spectral_radius: float
-    worst: Any
-    loops: int
-    gain_margin: float
-    motor_margins: tuple[float, ...]
-    least_damped: LeastDampedMode | None
-    passivity: PortPassivity | None
-
-    @property
-    def claim(self) -> str:
-        """What is claimed, in words."""
-        return _CLAIM
-
-    def document(self) -> dict[str, Any]:
-        """Return JSON values."""
-        values: dict[str, Any] = plain(self)
-        passivity = {} if self.passivity is None else self.passivity.document()
-        return {key: values[key] for key in values if key != "passivity"} | {"claim": _CLAIM, "passivity": passivity}
-
-
-def certify_pair(problem: Problem, gains: ToolGains, search: EndSearch) -> PairCertificate:
-    """Return the certificate: stability and passivity apart."""
-    stable = search.loops.stable_over_ranges(gains)
-    radius, case = search.loops.radius(gains)
-    margins = search.margins(gains)
-    return PairCertificate(
-        stable=stable,
-        spectral_radius=radius,
-        worst=case,
-        loops=search.loop_count,
-        gain_margin=margins["gain_margin"],
-        motor_margins=tuple(margins["motor_margins"]),
-        least_damped=search.loops.slowest(gains) if stable else None,
-        passivity=port_passivity(problem.end, problem, gains),
-    )

@@ -5,8 +5,8 @@ from __future__ import annotations
 import csv
 import io
 import json
-from collections.abc import Iterator
-from dataclasses import replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 from functools import singledispatch
 from itertools import pairwise
 from pathlib import Path
@@ -17,9 +17,9 @@ from pydantic import BeforeValidator, ConfigDict, Field
 
 from avc_casadi._errors import Fault, InputError
 from avc_casadi._util.files import read_text, write_file
-from avc_casadi._util.json_values import json_text, plain
+from avc_casadi._util.json_values import Document, json_text, plain, plain_table
 from avc_casadi._util.units import LINEAR, ROTARY
-from avc_casadi.coupling import Coupling, require_coupling, schedule_of, thinned
+from avc_casadi.coupling import Coupling, TrialRecord, require_coupling, schedule_of, thinned
 from avc_casadi.files.border import in_keys_of
 from avc_casadi.files.catalogue import require_source
 from avc_casadi.files.problem_file import AnyProblem, problem_document, require_device
@@ -166,6 +166,33 @@ COUPLING_SCHEMA = "avc-coupling/1"
 """Name and version of the layout of a coupling file."""
 
 
+@dataclass(frozen=True)
+class RecordedCertificate(Document):
+    """The certificate of a coupling as its file has it; the file's id says nothing of it, so no verdict rests on it."""
+
+    values: Mapping[str, Any]
+
+    def document(self) -> dict[str, Any]:
+        """Return the values of the file."""
+        return plain_table(self.values)
+
+
+@dataclass(frozen=True)
+class RecordedTrial(TrialRecord):
+    """The trial of a coupling as its file has it."""
+
+    values: Mapping[str, Any]
+
+    @property
+    def largest_tap_force_n(self) -> float:
+        """Largest force of a tap, N; 0 where the file has none."""
+        return float(self.values.get("tap_force_n") or 0.0)
+
+    def document(self) -> dict[str, Any]:
+        """Return the values of the file."""
+        return plain_table(self.values)
+
+
 class _Document(t.Table):
     """What every coupling file holds; keys that follow from others are not read."""
 
@@ -229,8 +256,8 @@ def coupling_document(coupling: Coupling) -> dict[str, Any]:
         "end": coupling.end.kind,
         "id": coupling.id,
         "problem_file": problem_document(coupling.problem),
-        "certificate": None if coupling.certificate is None else plain(dict(coupling.certificate)),
-        "trial": None if coupling.trial is None else plain(dict(coupling.trial)),
+        "certificate": plain(coupling.certificate),
+        "trial": plain(coupling.trial),
         "versions": plain(dict(coupling.versions)),
         **_runs(coupling.end, coupling),
     }
@@ -301,7 +328,12 @@ def read_file(path: str | Path) -> Coupling | GainTable:
         if valid.id != coupling.id:
             message = f"is {t.shown(valid.id)}, but the content has the id {coupling.id!r}: the file was edited"
             raise InputError.of(f"{message}; make it again: avc recommend P --out FILE", file=file, key="id")
-        return replace(coupling, certificate=valid.certificate, trial=valid.trial, versions=valid.versions)
+        return replace(
+            coupling,
+            certificate=None if valid.certificate is None else RecordedCertificate(valid.certificate),
+            trial=None if valid.trial is None else RecordedTrial(valid.trial),
+            versions=valid.versions,
+        )
 
 
 def read_coupling(path: str | Path, problem: AnyProblem | None = None) -> Coupling:

@@ -10,7 +10,7 @@ from pathlib import Path
 from string import Template
 
 from avc_casadi._util.units import Units
-from avc_casadi.claims.levels import read_levels
+from avc_casadi.claims.deployable import DeployedCertificate
 from avc_casadi.design.comparison.comparison import Comparison
 from avc_casadi.files.problem_file import dump_problem
 from avc_casadi.paper.errata import ASSUMPTIONS, PAPER_ERRORS
@@ -109,7 +109,8 @@ def report_html(
     shown = [line for line in answer.rows if line.rank == 0]
     problem = recommended.problem
     units = problem.units
-    claims = levels(read_levels(recommended.certificate or {}))
+    certificate = recommended.certificate
+    claims = levels(certificate.certificate.levels) if isinstance(certificate, DeployedCertificate) else []
     sections = [
         Section("What to deploy", shown[:10], pictures[:1]),
         Section("Margins and time responses", shown[10:], pictures[1:]),

@@ -6,11 +6,13 @@ import math
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+from avc_casadi._util.json_values import Document
 from avc_casadi._util.progress import Stages
 from avc_casadi._util.text import quantity
 from avc_casadi.claims.llewellyn import Teleoperator, least_damping_ns_per_m, passivity_margin
 from avc_casadi.coupling import Coupling
-from avc_casadi.design.virtual_tool import ToolSearch, certify_pair, search_of
+from avc_casadi.design.pair_certificate import PairCertificate, certify_pair
+from avc_casadi.design.virtual_tool import ToolSearch, search_of
 from avc_casadi.model.device import Device
 from avc_casadi.model.ends import Follower, Simulation, ToolGains
 from avc_casadi.model.hands import Hand
@@ -54,6 +56,25 @@ Usual design margins lie between 1.5 and 2 (Astrom and Murray, Feedback Systems,
 
 FEW_HANDS = 16
 """Hands of a first trial, corners included."""
+
+
+@dataclass(frozen=True)
+class TeleoperatorCertificate(Document):
+    """Certificate of a coupling to a follower: margins, and passivity of the two-port.
+
+    Attributes:
+        loops: number of loops.
+        gain_margin: of K and B at both ends.
+        motor_margins: of the leader's motor alone, and of the follower's.
+        passivity_margin_ns_per_m: of the two-port; None where it is not known.
+    """
+
+    JSON_KEYS: ClassVar = ("loops", "gain_margin", "motor_margins", "passivity_margin_ns_per_m")
+
+    loops: int
+    gain_margin: float
+    motor_margins: tuple[float, ...]
+    passivity_margin_ns_per_m: float | None
 
 
 @dataclass(frozen=True)
@@ -115,19 +136,19 @@ class PairDesign:
         self._stages.begin("certificate and margins")
         certificate = self.certificate(gains)
         versions = self.request.versions
-        coupling = Coupling.to_end(problem, gains, certificate, best.trial.document(), versions)
+        coupling = Coupling.to_end(problem, gains, certificate, best.trial, versions)
         return PairRecommendation(
             problem=problem,
             coupling=coupling,
             trial=best.trial,
-            why=self.why(certificate["gain_margin"], best),
+            why=self.why(certificate.gain_margin, best),
             sensitivities=self.sensitivities(),
             assumed=assumed(problem),
             not_used=not_used(problem),
             pair=Pair(
                 **self.limits(gains),
-                gain_margin=certificate["gain_margin"],
-                motor_margins=certificate["motor_margins"],
+                gain_margin=certificate.gain_margin,
+                motor_margins=certificate.motor_margins,
                 mode=self.search.loops.slowest(gains),
                 points=rendered_pair(problem, gains),
                 **self.analysis(best),
@@ -145,9 +166,9 @@ class PairDesign:
             pair=PairLimits(**self.limits(None)),
         )
 
-    def certificate(self, gains: ToolGains) -> dict[str, Any]:
-        """Return the certificate, JSON values."""
-        return certify_pair(self.problem, gains, self.search).document()
+    def certificate(self, gains: ToolGains) -> PairCertificate | TeleoperatorCertificate:
+        """Return the certificate of gains."""
+        return certify_pair(self.problem, gains, self.search)
 
     def sensitivities(self) -> tuple[Sensitivity, ...]:
         """Return what would help, largest first."""
@@ -309,10 +330,16 @@ class FollowerDesign(PairDesign):
         wanted = self.wanted_n_per_m
         return TrialPlan(self._first_n_per_m, 5, 0.85) if wanted is None else TrialPlan(wanted, 2, 1.0)
 
-    def certificate(self, gains: ToolGains) -> dict[str, Any]:
-        """Return the certificate, JSON values: margins, and passivity of the two-port."""
-        margins, (passivity, _) = self.search.margins(gains), self._passivity(gains)
-        return {"loops": self.search.loop_count, **margins, "passivity_margin_ns_per_m": passivity}
+    def certificate(self, gains: ToolGains) -> TeleoperatorCertificate:
+        """Return the certificate of gains: margins, and passivity of the two-port."""
+        margins = self.search.margins(gains)
+        passivity_margin_ns_per_m, _ = self._passivity(gains)
+        return TeleoperatorCertificate(
+            loops=self.search.loop_count,
+            gain_margin=margins.gain_margin,
+            motor_margins=margins.motor_margins,
+            passivity_margin_ns_per_m=passivity_margin_ns_per_m,
+        )
 
     def limits(self, gains: ToolGains | None) -> dict[str, Any]:
         """Return the values of `PairLimits`: also the passivity of the two-port."""

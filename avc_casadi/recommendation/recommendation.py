@@ -7,12 +7,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum, auto
 from functools import cached_property, singledispatch
-from typing import Any, ClassVar, Generic, Literal, TypeVar
+from typing import Any, ClassVar, Generic, TypeVar
 
 from avc_casadi._util.json_values import Document, plain_table
-from avc_casadi._util.page import worded
+from avc_casadi._util.page import Worded, worded
 from avc_casadi._util.printed import Printed
 from avc_casadi.claims.deployable import Deployable
+from avc_casadi.claims.levels import LevelResult
 from avc_casadi.coupling import Coupling
 from avc_casadi.files.coupling_file import coupling_document
 from avc_casadi.loops.loop_family import LeastDampedMode
@@ -40,11 +41,28 @@ class ReleasedAndHeld(Generic[Result]):
 
 
 @dataclass(frozen=True)
-class LimitCycleFreedom:
-    """Settling of a coupling with every hand, making and breaking contact (level L7)."""
+class LimitCycleFreedom(Worded, Document):
+    """Settling of a coupling with every hand, making and breaking contact.
 
-    word: Literal["proved", "refuted", "open", "simulated"]  # simulated where no proof was requested
-    sentence: str  # the claim that holds, or why it does not
+    Attributes:
+        proof: level L7 of its certificate; None where no proof was tried, and rest is simulated alone.
+        without_detents: whether the proof is of the wall alone, and the problem has detents.
+    """
+
+    JSON_KEYS: ClassVar = ("word", "sentence")
+
+    proof: LevelResult | None = None
+    without_detents: bool = False
+
+    @property
+    def word(self) -> str:
+        """proved, refuted or open; simulated where no proof was tried."""
+        return "simulated" if self.proof is None else self.proof.word
+
+    @property
+    def sentence(self) -> str:
+        """The claim that holds, or why it does not, in words."""
+        return worded(self)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -190,9 +208,9 @@ class Recommendation(Printed, Document, ABC):
         return self.coupling is not None
 
     @property
-    def certificate(self) -> Mapping[str, Any] | None:
-        """Certificate of the coupling, a JSON document; None without a coupling."""
-        return None if self.coupling is None else self.coupling.certificate or {}
+    def certificate(self) -> Document | None:
+        """Certificate of the coupling; None without a coupling."""
+        return None if self.coupling is None else self.coupling.certificate
 
     def data(self) -> dict[str, Any]:
         """Return JSON values, computed once: of a wall what is rendered, settling and margins; else the pair."""

@@ -9,7 +9,7 @@ from functools import partial
 from avc_casadi._util.parallel import Crew
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.claims.certify import quick_rest_level
-from avc_casadi.claims.deployable import deployable, with_certificate
+from avc_casadi.claims.deployable import DeployedCertificate, certify_deployed
 from avc_casadi.coupling import Coupling
 from avc_casadi.loops.plant_family import PlantFamily
 from avc_casadi.loops.walls import stiffest_wall
@@ -75,17 +75,17 @@ class WallDesign:
         request, problem = self.request, self.problem
         mismatched = self._crew.begin(partial(try_perturbed_devices, best.coupling, request.seed))
         unmodelled = self._crew.begin(partial(unmodelled_trials, best.coupling, request.seed))
-        certified = with_certificate(best.coupling, request.progress, prove=request.prove)
-        known, rest = with_rest(certified, request.progress)
+        certificate = certify_deployed(best.coupling, request.progress, prove=request.prove)
+        certificate, rest = with_rest(certificate, best.coupling, request.progress)
         off, beyond = mismatched(), unmodelled()
         decision, shortfall = _shortfall(
             problem, best, beyond, by_friction=request.lean_on_friction or best.safety is Safety.BY_FRICTION
         )
         return WallRecommendation(
             problem=problem,
-            coupling=replace(known.with_trial(best.trial.document()), versions=request.versions),
+            coupling=replace(best.coupling, certificate=certificate, trial=best.trial, versions=request.versions),
             trial=best.trial,
-            claims=deployable(known),
+            claims=certificate.verdict,
             confirmed=best.others,
             perturbed_devices=off,
             unmodelled_effects=beyond,
@@ -130,39 +130,36 @@ def _shortfall(
     return Decision.DEPLOYABLE, None
 
 
-def with_rest(coupling: Coupling, progress: Progress = SILENT) -> tuple[Coupling, LimitCycleFreedom]:
-    """Return a certified coupling with L7 in its certificate, where that takes a second or two, and the result."""
-    certificate = dict(coupling.certificate or {})
-    levels = dict(certificate.get("levels", {}))
-    if "L7" not in levels:
-        level = quick_rest_level(coupling, progress)
-        if level is None:
-            unasked = "not attempted; avc recommend P --prove tries it, which takes minutes"
-            return coupling, LimitCycleFreedom("simulated", unasked)
-        levels["L7"] = level.document()
-        coupling = coupling.with_certificate(certificate | {"levels": levels})
-    word, claim = levels["L7"]["outcome"], levels["L7"]["claim"]
-    if coupling.problem.detent is not None:
-        claim = f"{claim}; for the wall alone, without [detent]"
-    return coupling, LimitCycleFreedom(word, claim)
+def with_rest(
+    certificate: DeployedCertificate, coupling: Coupling, progress: Progress = SILENT
+) -> tuple[DeployedCertificate, LimitCycleFreedom]:
+    """Return the certificate of a coupling with L7, where that takes a second or two, and the result."""
+    proof = certificate.certificate.levels.get("L7")
+    if proof is None:
+        proof = quick_rest_level(coupling, progress)
+        if proof is None:
+            return certificate, LimitCycleFreedom()
+        certificate = certificate.with_level(proof)
+    return certificate, LimitCycleFreedom(proof, without_detents=coupling.problem.detent is not None)
 
 
 def judged(coupling: Coupling, schedule: GainSchedule, hands: int, progress: Progress) -> WallRecommendation:
     """Return the answer for the coupling of a schedule, whatever the verdict."""
     problem = coupling.problem
-    known, rest = with_rest(with_certificate(coupling, progress), progress)
-    tried = try_coupling(known, people_of(problem.hands, hands), 0, progress)
-    claims, beyond = deployable(known, progress), unmodelled_trials(known)
+    certificate, rest = with_rest(certify_deployed(coupling, progress), coupling, progress)
+    tried = try_coupling(coupling, people_of(problem.hands, hands), 0, progress)
+    claims = certificate.verdict
+    beyond = unmodelled_trials(coupling)
     limit = stiffest_wall(PlantFamily.of(problem)).stiffness_n_per_m
-    nothing = nothing_rendered(problem, known.static_stiffness_n_per_m, tried)
+    nothing = nothing_rendered(problem, coupling.static_stiffness_n_per_m, tried)
     shortfall = nothing or unmet_requirements(beyond, by_friction=False)
     refused = Decision.REQUIREMENT_UNMET if shortfall else Decision.CLAIM_FAILS
     return WallRecommendation(
         problem=problem,
-        coupling=known.with_trial(tried.document()),
+        coupling=replace(coupling, certificate=certificate, trial=tried),
         trial=tried,
         claims=claims,
-        perturbed_devices=try_perturbed_devices(known, 0),
+        perturbed_devices=try_perturbed_devices(coupling, 0),
         unmodelled_effects=beyond,
         decision=Decision.DEPLOYABLE if claims.passed and shortfall is None else refused,
         rest=rest,
@@ -171,5 +168,5 @@ def judged(coupling: Coupling, schedule: GainSchedule, hands: int, progress: Pro
         why=AsRequested(schedule.method, shortfall, claims),
         assumed=assumed(problem),
         not_used=not_used(problem),
-        damped_wall=damped_wall(known),
+        damped_wall=damped_wall(coupling),
     )

@@ -215,7 +215,7 @@ COUPLING = Coupling.constant(NUMBERS_PROBLEM, Gains(0.0, 1e8, 3.0), "contact dam
 def test_behind_an_encoder_at_the_motor_the_structure_gives_way_too():
     """Two free bodies on a spring K swing at w^2 = K (1/m1 + 1/m2): the spring of the structure from its frequency."""
     people = people_of(NUMBERS_PROBLEM.hands, 4)
-    rest, trial = LimitCycleFreedom("simulated", ""), try_coupling(COUPLING, people)
+    rest, trial = LimitCycleFreedom(), try_coupling(COUPLING, people)
     answer = WallRecommendation(
         problem=NUMBERS_PROBLEM,
         coupling=COUPLING,

@@ -14,15 +14,16 @@ import numpy as np
 from avc_casadi._errors import InputError, UnsupportedError
 from avc_casadi._util.text import quantity
 from avc_casadi.claims.certify import certify
-from avc_casadi.claims.deployable import deployable
+from avc_casadi.claims.deployable import DeployedCertificate, deployable
 from avc_casadi.claims.law_analysis import first_law
 from avc_casadi.claims.own_law import certify_law
 from avc_casadi.claims.zwidth import zwidth
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.methods import solve
+from avc_casadi.design.pair_certificate import certify_pair
 from avc_casadi.design.scene_coupling import simulate
 from avc_casadi.design.tool_region import ToolRegion, tool_region
-from avc_casadi.design.virtual_tool import EndSearch, certify_pair, search_of
+from avc_casadi.design.virtual_tool import EndSearch, search_of
 from avc_casadi.files.problem_file import dump_problem, problem_document
 from avc_casadi.model.control_law import ControlLaw
 from avc_casadi.model.declared import with_gains
@@ -386,9 +387,10 @@ def _saved_wall_coupling(
     _, coupling = found_by_method(explorer, settings, problem)
     if coupling is None:
         raise InputError.of("no coupling yet: there is nothing to save", key="method")
-    verdict = deployable(coupling).document()
-    certificate = dict(coupling.certificate or certify(problem, coupling).document()) | {"deployable": verdict}
-    return coupling.with_certificate(certificate), verdict["sentence"]
+    verdict = deployable(coupling)
+    levels = coupling.certificate
+    certificate = levels.certificate if isinstance(levels, DeployedCertificate) else certify(problem, coupling)
+    return coupling.with_certificate(DeployedCertificate(certificate, verdict)), verdict.sentence
 
 
 Charts = list[dict[str, Any]]
@@ -529,4 +531,4 @@ def _own_tool_coupling(
     gains = ToolGains(**({"stiffness_n_per_m": 0.0, "damping_ns_per_m": 0.0} | _typed(explorer, settings)))
     certificate = certify_pair(problem, gains, search)
     verdict = f"your K and B, {'stable' if certificate.stable else 'not stable'}, not tried with hands"
-    return Coupling.to_end(problem, gains, certificate.document(), None, explorer.versions), verdict
+    return Coupling.to_end(problem, gains, certificate, None, explorer.versions), verdict

@@ -10,7 +10,8 @@ from functools import singledispatch
 from avc_casadi.claims.admittance import AdmittanceCertificate
 from avc_casadi.claims.deployable import Deployable
 from avc_casadi.claims.own_law import LawCertificate
-from avc_casadi.design.virtual_tool import WIDEST_MARGIN, PairCertificate
+from avc_casadi.design.pair_certificate import PairCertificate
+from avc_casadi.design.virtual_tool import WIDEST_MARGIN
 from avc_casadi.loops.margins import SOUND_DISK
 from avc_casadi.present.row import Mark, Part, Row, Value, grade, parts, row
 from avc_casadi.present.rows.other_ends import thin

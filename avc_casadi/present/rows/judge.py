@@ -11,6 +11,7 @@ from shlex import quote
 from typing import Any, SupportsFloat
 
 from avc_casadi._util.json_values import plain
+from avc_casadi._util.page import worded
 from avc_casadi._util.text import percent
 from avc_casadi._util.units import Quantity, Units
 from avc_casadi.claims.deployable import CertifiedCoupling, Deployable, DeployClaim
@@ -19,9 +20,10 @@ from avc_casadi.claims.law_analysis import CaseResult, LawRemedy, SpringDamper
 from avc_casadi.claims.levels import LevelResult
 from avc_casadi.claims.own_law import LawCertificate
 from avc_casadi.claims.zwidth import Curve, CurveKey, ZWidth
+from avc_casadi.design.pair_certificate import PairCertificate
 from avc_casadi.design.scene_coupling import SimulatedPair, SimulatedScene
 from avc_casadi.design.tool_region import ToolCurve, ToolRegion
-from avc_casadi.design.virtual_tool import PairCertificate
+from avc_casadi.design.virtual_tool import PairFault
 from avc_casadi.loops.margins import LEAST_DISK, SOUND_DISK
 from avc_casadi.model import EFFECTS
 from avc_casadi.model.effects import SaturationEffect
@@ -273,7 +275,7 @@ class CertifiedPair:
         gains: the coupling.
         file: the file of the coupling, or of the problem.
         certificate: stability and passivity.
-        fault: why it should not run on a device; empty where it may.
+        fault: why it should not run on a device; None where it may.
         not_used: declared keys that are no part of it.
     """
 
@@ -281,18 +283,18 @@ class CertifiedPair:
     gains: ToolGains
     file: str
     certificate: PairCertificate
-    fault: str
+    fault: PairFault | None
     not_used: tuple[Unused, ...]
 
     @property
     def passed(self) -> bool:
         """Whether it may be deployed."""
-        return not self.fault
+        return self.fault is None
 
     @property
     def sentence(self) -> str:
         """The verdict in words."""
-        return self.fault or "linearly stable"
+        return "linearly stable" if self.fault is None else worded(self.fault, self.problem.units)
 
     def document(self) -> dict[str, Any]:
         """Return the `certify` document: JSON values only."""

@@ -8,7 +8,8 @@ from functools import singledispatch
 from typing import Any
 
 from avc_casadi.coupling import Coupling
-from avc_casadi.design.virtual_tool import WIDEST_MARGIN, PairCertificate
+from avc_casadi.design.pair_certificate import PairCertificate
+from avc_casadi.design.virtual_tool import WIDEST_MARGIN
 from avc_casadi.loops.engine import ToolCase
 from avc_casadi.loops.follower import BilateralCase
 from avc_casadi.loops.loop_family import LeastDampedMode

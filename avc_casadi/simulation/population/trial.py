@@ -12,11 +12,11 @@ import numpy as np
 
 from avc_casadi._errors import InputError
 from avc_casadi._util.arrays import BoolArray, FloatArray, IndexArray
-from avc_casadi._util.json_values import Document, plain, plain_table
+from avc_casadi._util.json_values import plain, plain_table
 from avc_casadi._util.parallel import map_tasks, processors
 from avc_casadi._util.printed import Columns, Tabular, short
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi.coupling import Coupling
+from avc_casadi.coupling import Coupling, TrialRecord
 from avc_casadi.model.device import Device
 from avc_casadi.model.effects import Effect
 from avc_casadi.model.hands import Hand, StylusHand
@@ -53,7 +53,7 @@ Variant = Literal["without_friction", "with_dropped_steps"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Trial(Tabular, Document):
+class Trial(Tabular, TrialRecord):
     """Results by simulated hand; every array has shape (hands,)."""
 
     seed: int

@@ -288,13 +288,13 @@ def pair_verdict(coupling: Coupling, *, unsafe: bool) -> tuple[str, bool]:
     problem = coupling.problem
     gains = coupling.gains
     search = search_of(coupling.end, problem)
-    why = search.why_not(gains)
-    if not why:
+    fault = search.fault(gains)
+    if fault is None:
         known = f"with every hand of [hands] and released{also_judged(coupling.end)}"
         return f"deployable: all {search.loop_count} loops are linearly stable, {known}", True
     radius, case = search.loops.radius(gains)
     worst = "with a hand" if any(case.hand.values()) else "released"
-    why = f"not deployable: {why}; spectral radius {radius:.6g} {worst}"
+    why = f"not deployable: {fault}; spectral radius {radius:.6g} {worst}"
     if not unsafe:
         raise NotDeployableError(f"{problem.name or 'the problem'}: {why}. Make it again: avc recommend P --out FILE")
     return f"UNSAFE, written by request: {why}", False

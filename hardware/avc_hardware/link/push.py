@@ -144,7 +144,7 @@ def _notes(coupling: Coupling, device: Device) -> tuple[str, ...]:
     """Describe where the device differs from the one that the coupling was made for."""
     force, step = coupling.max_force_n, coupling.problem.device.encoder_resolution_m
     most, coarse = device.max_force_n, device.limits.metres_per_count
-    tapped = float((coupling.trial or {}).get("tap_force_n") or 0.0)
+    tapped = 0.0 if coupling.trial is None else coupling.trial.largest_tap_force_n
     notes = []
     faults = DeviceFault(device.faults)
     if faults:
