@@ -14,6 +14,7 @@ from avc_casadi._util.json_values import Document, plain
 from avc_casadi._util.printed import Columns, Tabular
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.claims.hands import hands_level
+from avc_casadi.claims.level_claims import RestFinding
 from avc_casadi.claims.level_detail import ProofDetail
 from avc_casadi.claims.levels import LEVELS, LevelResult, Rows, Subject, passivity_level
 from avc_casadi.claims.prove.held_device import HAND, SampledPlantBox
@@ -197,7 +198,7 @@ def rest_level(subject: Subject) -> LevelResult:
     """Prove or refute rest at each row of the deployed table with constant gains; else give the reason it is open."""
     coupling = subject.coupling
     if coupling is None:
-        return _rest_result([], "no row has gains", 0, subject.gains.rows)
+        return _rest_result([], RestFinding(), subject.problem, subject.gains.rows)
     rows = coupling.table.rows
     rests = []
     for done, row in enumerate(rows.tolist()):
@@ -206,12 +207,8 @@ def rest_level(subject: Subject) -> LevelResult:
     outcomes = [rest.outcome for rest in rests]
     worst_first = ("refuted", "open", "proved")
     worst = min(range(len(rests)), key=lambda row: worst_first.index(outcomes[row]))
-    claim = rests[worst].sentence
-    if len(rests) > 1:
-        counts = ", ".join(f"{outcomes.count(outcome)} {outcome}" for outcome in worst_first if outcome in outcomes)
-        claim = f"{counts} of {len(rests)} rows, each with constant gains; the row of {rows[worst, 0]:.5g} Hz: {claim}"
-        claim += "; gains that change over time are not covered"
-    return _rest_result(rests, claim, worst, len(rests))
+    finding = RestFinding(tuple(outcomes), rests[worst], float(rows[worst, 0]))
+    return _rest_result(rests, finding, subject.problem, len(rests), worst)
 
 
 _QUICK_CELLS = 60_000
@@ -226,7 +223,7 @@ def quick_rest_level(coupling: Coupling, progress: Progress = SILENT) -> LevelRe
     device = coupling.problem.device
     with progress.step("proof of rest"):
         rest = prove_rest(law, coupling.contact, device, _box(coupling), most_cells=_QUICK_CELLS, progress=progress)
-    return _rest_result([rest], rest.sentence, 0, 1)
+    return _rest_result([rest], RestFinding((rest.outcome,), rest), coupling.problem, 1)
 
 
 def admits_quick_proof(coupling: Coupling) -> bool:
@@ -252,7 +249,7 @@ def promises_rest(coupling: Coupling) -> bool:
         return False
 
 
-def _rest_result(rests: list[Rest], claim: str, worst: int, rows: int) -> LevelResult:
+def _rest_result(rests: list[Rest], finding: RestFinding, problem: Problem, rows: int, worst: int = 0) -> LevelResult:
     """Return L7 of rows of the deployed table, and which of them is the worst; a proof has no margin."""
     nothing = np.full(rows, np.nan)
     passed = np.zeros(rows, dtype=bool)
@@ -263,14 +260,15 @@ def _rest_result(rests: list[Rest], claim: str, worst: int, rows: int) -> LevelR
         margin_ns_per_m=np.nan,
         frequency_hz=np.nan,
         model="sampled-data",
-        claim=claim,
+        finding=finding,
+        units=problem.units,
         tolerance_ns_per_m=0.0,
         row=worst,
         row_passed=passed,
         row_margin_ns_per_m=nothing,
         row_frequency_hz=nothing,
         detail=ProofDetail(tuple(rest.document() for rest in rests)),
-        outcome=rests[worst].outcome if rests else "open",
+        outcome="open" if finding.worst is None else finding.worst.outcome,
     )
 
 

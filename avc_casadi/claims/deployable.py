@@ -23,6 +23,7 @@ from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.units import Units
 from avc_casadi.claims.certify import Certificate, certify
 from avc_casadi.claims.hands import worst_case_behind_observer, worst_case_over_hands
+from avc_casadi.claims.level_claims import DetentsBehindFeedback, Unsupported, WhyNotJudged
 from avc_casadi.claims.levels import LevelResult
 from avc_casadi.coupling import Coupling, require_coupling
 from avc_casadi.loops.margins import LEAST_DISK, OpenLoop
@@ -151,10 +152,10 @@ class NotJudgedClaim(DeployClaim):
     """A claim that is not judged.
 
     Attributes:
-        refusal: why, in words.
+        refusal: why.
     """
 
-    refusal: str
+    refusal: WhyNotJudged
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -184,7 +185,7 @@ class DetentClaim(DeployClaim):
 
 
 @dataclass(frozen=True)
-class Deployable(Document):
+class Deployable(Worded, Document):
     """Whether a coupling may be deployed, with the deciding claims.
 
     Attributes:
@@ -215,11 +216,8 @@ class Deployable(Document):
 
     @property
     def sentence(self) -> str:
-        """The verdict in one line: which claim fails and what to do."""
-        failed = self.failed
-        if not failed:
-            return "deployable: linearly stable with every hand of [hands] and released"
-        return "not deployable: " + "; ".join(claim.sentence for claim in failed)
+        """The verdict in one line: which claims fail."""
+        return worded(self)
 
     @property
     def advice(self) -> str:
@@ -290,7 +288,8 @@ def _verdict(coupling: Coupling, progress: Progress) -> Deployable:
             claims += _claims_in_detents(problem, frequency, gains, progress)
     except UnsupportedError as refusal:
         names: tuple[ClaimName, ClaimName] = ("hands", "let-go")
-        return Deployable(tuple(_not_judged(name, problem, str(refusal), ClaimRemedy.LESS_DELAY) for name in names))
+        why = Unsupported(str(refusal))
+        return Deployable(tuple(_not_judged(name, problem, why, ClaimRemedy.LESS_DELAY) for name in names))
     wall = problem.environment
     if not np.any(gains != 0) and (wall.stiffness_n_per_m or wall.damping_ns_per_m):
         remedy = ClaimRemedy.WITHOUT_REALISM
@@ -300,7 +299,7 @@ def _verdict(coupling: Coupling, progress: Progress) -> Deployable:
     return Deployable(claims)
 
 
-def _not_judged(name: ClaimName, problem: Problem, refusal: str, remedy: ClaimRemedy) -> DeployClaim:
+def _not_judged(name: ClaimName, problem: Problem, refusal: WhyNotJudged, remedy: ClaimRemedy) -> DeployClaim:
     return NotJudgedClaim(name=name, passed=False, units=problem.units, remedy=remedy, refusal=refusal)
 
 
@@ -308,7 +307,7 @@ def _detents_behind_feedback(problem: Problem) -> tuple[DeployClaim, ...]:
     """Return that the detents of a problem are not judged behind state feedback; nothing without detents."""
     if problem.detent is None:
         return ()
-    return (_not_judged("detent", problem, "state feedback together with [detent]", ClaimRemedy.WITHOUT_FEEDBACK),)
+    return (_not_judged("detent", problem, DetentsBehindFeedback(), ClaimRemedy.WITHOUT_FEEDBACK),)
 
 
 def _claims_in_detents(

@@ -15,8 +15,16 @@ import numpy as np
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray, IndexArray
 from avc_casadi._util.progress import SILENT, Progress
+from avc_casadi.claims.level_claims import (
+    DelayTooLong,
+    HandsClaim,
+    NotJudged,
+    ObserverClaim,
+    UnstableBehindObserver,
+    UnstableRows,
+)
 from avc_casadi.claims.level_detail import HandsDetail
-from avc_casadi.claims.levels import LevelResult, RowMargins, Rows, Subject, level_result, refusal
+from avc_casadi.claims.levels import LevelResult, RowMargins, Rows, Subject, level_result, unjudged
 from avc_casadi.claims.worst_frequency import worst_margin
 from avc_casadi.coupling import Coupling
 from avc_casadi.loops.loop import Body
@@ -32,7 +40,7 @@ from avc_casadi.loops.wall import (
 )
 from avc_casadi.model.corners import linear_values
 from avc_casadi.model.device import Device
-from avc_casadi.model.hands import Hand, hand_corners, hand_ranges, hand_text
+from avc_casadi.model.hands import Hand, hand_corners, hand_ranges
 from avc_casadi.model.law import Law, Values
 from avc_casadi.model.plant import SampledPlant
 from avc_casadi.model.problem import Problem
@@ -165,12 +173,6 @@ def _worst_apart(radius: FloatArray, places: FloatArray) -> IndexArray:
     return np.stack(chosen, axis=1)
 
 
-def search_text(problem: Problem, draws: int, seed: int) -> str:
-    """Return the hands that a search covers, in words."""
-    corners = len(hand_corners(problem.hands))
-    return f"{corners} corners, {draws} draws (seed {seed}) and a search of the ranges"
-
-
 def worst_case_behind_observer(coupling: Coupling) -> dict[str, WorstCase]:
     """Return the worst loops of a coupling with state feedback, over the ranges of hands and device.
 
@@ -210,14 +212,11 @@ def hands_level(subject: Subject) -> LevelResult:
         return _feedback_level(rows, worst_case_behind_observer(subject.coupling))
     family = PlantFamily.of(problem)
     if family.largest_delay_samples > MAX_DELAY_SAMPLES:
-        return refusal(rows, "L5", "sampled-data", f"more than {MAX_DELAY_SAMPLES} samples of delay")
+        return unjudged(rows, "L5", "sampled-data", NotJudged(DelayTooLong(MAX_DELAY_SAMPLES)))
     law = frozen_law(problem, rows.b, rows.k, rows.contact)
     held = worst_case_over_hands(family, law, draws=subject.draws, seed=subject.seed, progress=subject.progress)
     released = worst_case_over_hands(family.released, law, draws=0)
-    effort = search_text(problem, subject.draws, subject.seed)
-    claim = (
-        f"each frozen row is linearly stable, without friction, with {effort}; switching between rows is not covered"
-    )
+    claim = HandsClaim(len(hand_corners(problem.hands)), subject.draws, subject.seed)
     radius = np.array([case.radius for case in held])
     # Rows rank by spectral radius; the margin in N.s/m is that of the worst one.
     margins = RowMargins(
@@ -235,7 +234,7 @@ def hands_level(subject: Subject) -> LevelResult:
     margin = damping_reserve(worst.device, law.pick([number]), Hand(**worst.hand))
     return replace(
         result,
-        claim=claim if worst.stable else _not_met(rows, result.row, held, worst),
+        finding=claim if worst.stable else _unstable(rows, result.row, held, worst),
         margin_ns_per_m=margin,
         row_margin_ns_per_m=np.where(np.arange(len(rows.present)) == result.row, margin, np.nan),
         detail=replace(detail, worst_hand=worst.hand, worst_device=linear_values(worst.device)),
@@ -257,14 +256,14 @@ def _detail(subject: Subject, held: list[WorstCase], released: list[WorstCase]) 
     )
 
 
-def _not_met(rows: Rows, row: int, held: list[WorstCase], worst: WorstCase) -> str:
-    """Return why L5 is not met, in words."""
-    missing = len(rows.present) - len(held)
-    unstable = sum(not case.stable for case in held)
-    return (
-        f"Not met by {unstable} of {len(held)} rows: the row of {rows.frequency_hz[row]:.5g} Hz has a spectral radius "
-        f"of {worst.radius:.6g} (at {worst.frequency_hz:.4g} Hz) with {hand_text(worst.hand, rows.problem.units.unit)}"
-        + (f"; {missing} rows have no gains" if missing else "")
+def _unstable(rows: Rows, row: int, held: list[WorstCase], worst: WorstCase) -> UnstableRows:
+    """Return why L5 is not met."""
+    return UnstableRows(
+        failed=sum(not case.stable for case in held),
+        rows=len(held),
+        missing=len(rows.present) - len(held),
+        worst_hz=float(rows.frequency_hz[row]),
+        worst=worst,
     )
 
 
@@ -272,15 +271,7 @@ def _feedback_level(rows: Rows, cases: dict[str, WorstCase]) -> LevelResult:
     """Judge L5 on the loop of a coupling with state feedback."""
     name, worst = max(((name, cases[name]) for name in cases if name != "let-go"), key=lambda named: named[1].radius)
     released = cases["let-go"]
-    claim = (
-        "the loop with observer and state feedback is linearly stable, with no friction, with the worst hand that a "
-        "search of [hands] found, whatever share of the innovation passes the dead zone, or of the force its clip"
-    )
-    if not worst.stable:
-        unit = rows.problem.units.unit
-        hand = hand_text(worst.hand, unit) if any(worst.hand.values()) else "the device released"
-        share = f"{worst.values['share']:.3g} of the {'force' if name == 'clip' else 'innovation'}"
-        claim = f"Not met: spectral radius {worst.radius:.6g} with {hand} and {share}"
+    finding = ObserverClaim() if worst.stable else UnstableBehindObserver(worst, clipped=name == "clip")
     count = len(rows.b)
     margins = RowMargins(
         passed=np.full(count, worst.stable),
@@ -288,7 +279,7 @@ def _feedback_level(rows: Rows, cases: dict[str, WorstCase]) -> LevelResult:
         frequency_hz=np.zeros(count),
         tolerance=np.full(count, RADIUS_TOLERANCE),
     )
-    result = level_result(rows, "L5", "sampled-data", claim, margins)
+    result = level_result(rows, "L5", "sampled-data", ObserverClaim(), margins)
     detail = HandsDetail(
         spectral_radius=worst.radius,
         released_spectral_radius=released.radius,
@@ -297,7 +288,7 @@ def _feedback_level(rows: Rows, cases: dict[str, WorstCase]) -> LevelResult:
         worst_hand=worst.hand,
         worst_share=worst.values["share"],
     )
-    return replace(result, claim=claim, margin_ns_per_m=float("nan"), detail=detail)
+    return replace(result, finding=finding, margin_ns_per_m=float("nan"), detail=detail)
 
 
 def damping_reserve(device: Device, law: Law, hand: Hand) -> float:

@@ -11,9 +11,30 @@ import numpy as np
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi._util.json_values import Document
+from avc_casadi._util.page import worded
 from avc_casadi._util.progress import SILENT, Progress, chunks
-from avc_casadi._util.text import quantity
+from avc_casadi._util.units import Units
 from avc_casadi.claims.impedance import worst_real_impedance
+from avc_casadi.claims.level_claims import (
+    BandOfOneRow,
+    BandOfRows,
+    BehindFeedback,
+    LevelClaim,
+    LevelFinding,
+    MarginFault,
+    NegativeStiffness,
+    NonIdeality,
+    NoProofWithPaperHold,
+    NoRowHasGains,
+    NotJudged,
+    NotMet,
+    PassivityClaim,
+    PassivityCondition,
+    RowFault,
+    RowsMissing,
+    UnstablePole,
+    Unsupported,
+)
 from avc_casadi.claims.level_detail import HandsDetail, ProofDetail
 from avc_casadi.claims.llewellyn import llewellyn_margin
 from avc_casadi.claims.port import CouplingSlack, RenderingSlack, passive_hand, port_worst
@@ -103,7 +124,6 @@ LEVELS = {
 }
 
 
-_HOLD = {"paper": "the paper's hold", "sampled-data": "the sampled-data hold"}
 _ROWS_AT_ONCE = 4000
 """Rows of Llewellyn's condition in memory at a time."""
 
@@ -184,14 +204,14 @@ class LevelResult(Document):
         margin_ns_per_m: worst margin of all rows; not a number where there is none.
         frequency_hz: frequency of the worst margin.
         model: the model that the claim is made in.
-        claim: the claim, or what does not hold, in words.
+        finding: the claim, or what does not hold.
+        units: units of the device, in which its sentence is written.
         tolerance_ns_per_m: rounding granted to the worst margin.
         row: the worst row; None where no row has gains.
         row_passed: whether each row meets it.
         row_margin_ns_per_m: worst margin of each row; not a number for rows without gains.
         row_frequency_hz: frequency of that margin.
         detail: what L5 or L7 finds beyond its margin; None of the others.
-        refused: why it was not judged; empty where it was.
         outcome: proved, refuted or open, of a proof; else empty.
     """
 
@@ -217,14 +237,14 @@ class LevelResult(Document):
     margin_ns_per_m: float
     frequency_hz: float
     model: Model
-    claim: str
+    finding: LevelFinding
+    units: Units
     tolerance_ns_per_m: float
     row: int | None
     row_passed: BoolArray
     row_margin_ns_per_m: FloatArray
     row_frequency_hz: FloatArray
     detail: HandsDetail | ProofDetail | None = None
-    refused: str = ""
     outcome: ProofOutcome = ""
 
     def __repr__(self) -> str:
@@ -234,6 +254,16 @@ class LevelResult(Document):
     def title(self) -> str:
         """Name of the level, as its table gives it."""
         return LEVELS[self.level].title
+
+    @property
+    def claim(self) -> str:
+        """The claim, or what does not hold, in words."""
+        return worded(self.finding, self.units)
+
+    @property
+    def refused(self) -> str:
+        """Why it was not judged, in words; empty where it was."""
+        return worded(self.finding.refusal, self.units) if isinstance(self.finding, NotJudged) else ""
 
     @property
     def refused_or_none(self) -> str | None:
@@ -250,7 +280,7 @@ class LevelResult(Document):
         """pass, fail, or refused: not judged; of a proof its outcome."""
         if self.outcome:
             return self.outcome
-        if self.refused:
+        if isinstance(self.finding, NotJudged):
             return "refused"
         return "pass" if self.passed else "fail"
 
@@ -274,34 +304,34 @@ class RowMargins:
         margin: worst margin of each, shape (p,), N.s/m or as the level says.
         frequency_hz: frequency of that margin, shape (p,).
         tolerance: rounding granted to it, shape (p,).
-        faults: what fails of each row besides a margin, in words; empty where it is the margin.
+        faults: what fails of each row besides a margin; None where it is the margin.
     """
 
     passed: BoolArray
     margin: FloatArray
     frequency_hz: FloatArray
     tolerance: FloatArray
-    faults: list[str] | None = None
+    faults: list[RowFault | None] | None = None
 
     @property
     def worst(self) -> int:
         """The row of the lowest margin among those that fail, or else among all."""
         return int(np.argmin(self.margin if self.passed.all() else np.where(self.passed, np.inf, self.margin)))
 
-    def fault(self, row: int, problem: Problem) -> str:
-        """Return what fails of a row, in words."""
-        stated = self.faults[row] if self.faults else ""
-        return stated or _margin_fault(problem, float(self.margin[row]), float(self.frequency_hz[row]))
+    def fault(self, row: int) -> RowFault:
+        """Return what fails of a row."""
+        beside_margin = self.faults[row] if self.faults else None
+        return beside_margin or MarginFault(float(self.margin[row]), float(self.frequency_hz[row]))
 
 
-def level_result(rows: Rows, level: str, model: Model, claim: str, margins: RowMargins) -> LevelResult:
+def level_result(rows: Rows, level: str, model: Model, claim: LevelClaim, margins: RowMargins) -> LevelResult:
     """Summarise the present rows by the worst of them.
 
     Args:
         rows: the gains under judgement, p of them present.
         level: name of the level.
         model: the model that the claim is made in.
-        claim: the claim in words, if it passes.
+        claim: the claim, if it passes.
         margins: what each present row has.
     """
     row_passed = rows.spread(margins.passed.astype(np.float64), 0.0) > 0
@@ -309,18 +339,14 @@ def level_result(rows: Rows, level: str, model: Model, claim: str, margins: RowM
     failed = int(np.count_nonzero(~margins.passed))
     count = len(margins.passed)
     if count == 0:
-        nothing = rows.spread(margins.margin)
-        claim = f"Not met: none of {missing} rows has gains"
-        return LevelResult(level, False, np.nan, np.nan, model, claim, 0.0, None, row_passed, nothing, nothing)
+        return unjudged(rows, level, model, NoRowHasGains(missing))
     worst = margins.worst
     row = int(np.flatnonzero(rows.present)[worst])
+    finding: LevelFinding = claim
     if failed:
-        fault = margins.fault(worst, rows.problem)
-        claim = f"Not met by {failed} of {count} rows: that of {rows.frequency_hz[row]:.5g} Hz has {fault}"
-    if missing and failed:
-        claim = f"{claim}; {missing} rows have no gains"
+        finding = NotMet(failed, count, missing, float(rows.frequency_hz[row]), margins.fault(worst))
     elif missing:
-        claim = f"Not met: {missing} rows have no gains; {claim}"
+        finding = RowsMissing(missing, claim)
     finite = np.isfinite(margins.margin[worst])
     return LevelResult(
         level=level,
@@ -328,7 +354,8 @@ def level_result(rows: Rows, level: str, model: Model, claim: str, margins: RowM
         margin_ns_per_m=float(margins.margin[worst]) if finite else np.nan,
         frequency_hz=float(margins.frequency_hz[worst]),
         model=model,
-        claim=claim,
+        finding=finding,
+        units=rows.problem.units,
         tolerance_ns_per_m=float(margins.tolerance[worst]),
         row=row,
         row_passed=row_passed,
@@ -337,17 +364,24 @@ def level_result(rows: Rows, level: str, model: Model, claim: str, margins: RowM
     )
 
 
-def _margin_fault(problem: Problem, margin: float, frequency_hz: float) -> str:
-    """Return a margin that is too small, and its frequency, in words."""
-    where = f"at {frequency_hz:.5g} Hz" if frequency_hz > 0 else "towards zero frequency"
-    return f"a margin of {margin:.4g} {problem.units.unit('N.s/m')} {where}"
-
-
-def refusal(rows: Rows, level: str, model: Model, why: str) -> LevelResult:
-    """Return a level with the reason why no row is judged; it is not met."""
-    nothing = np.full(len(rows.b), np.nan)
-    result = level_result(rows, level, model, "", RowMargins(np.zeros(len(rows.b), bool), nothing, nothing, nothing))
-    return replace(result, claim=f"Not judged: {why}", refused=why)
+def unjudged(rows: Rows, level: str, model: Model, finding: LevelFinding) -> LevelResult:
+    """Return a level of which no row is judged; it is not met."""
+    nothing = np.full(len(rows.present), np.nan)
+    present = np.flatnonzero(rows.present)
+    return LevelResult(
+        level=level,
+        passed=False,
+        margin_ns_per_m=np.nan,
+        frequency_hz=np.nan,
+        model=model,
+        finding=finding,
+        units=rows.problem.units,
+        tolerance_ns_per_m=np.nan if len(present) else 0.0,
+        row=int(present[0]) if len(present) else None,
+        row_passed=np.zeros(len(rows.present), dtype=bool),
+        row_margin_ns_per_m=nothing,
+        row_frequency_hz=nothing,
+    )
 
 
 def passivity_level(subject: Subject, level: str) -> LevelResult:
@@ -357,23 +391,17 @@ def passivity_level(subject: Subject, level: str) -> LevelResult:
     model = claim.hold or subject.problem.stability.model
     device = subject.problem.device
     if subject.behind_feedback:
-        why = "the level knows gains alone, and these run behind an observer with state feedback"
-        return refusal(rows, level, subject.problem.stability.model, why)
+        return unjudged(rows, level, subject.problem.stability.model, NotJudged(BehindFeedback()))
     try:
         if ideal(device):
             return _exact(rows, level, model, subject.progress)
         if claim.where != "all":
             return _in_band(rows, level, model)
         if model == "paper":
-            why = (
-                f"{level} with the paper's hold has no proof on a device with {non_idealities(device)}: that hold "
-                "gives no loop from sample to sample; L3 judges the device as declared, and L4 with stability.model = "
-                '"sampled-data"'
-            )
-            return refusal(rows, level, model, why)
+            return unjudged(rows, level, model, NotJudged(NoProofWithPaperHold(level, non_idealities(device))))
         return _at_port(rows, level, subject.progress)
     except UnsupportedError as error:
-        return refusal(rows, level, model, str(error))
+        return unjudged(rows, level, model, NotJudged(Unsupported(str(error))))
 
 
 def _exact(rows: Rows, level: str, model: Model, progress: Progress) -> LevelResult:
@@ -397,16 +425,18 @@ def _exact(rows: Rows, level: str, model: Model, progress: Progress) -> LevelRes
         if whole:
             # Poles and residue are conditions of a rendering as a whole; other claims are on Re Z_h alone.
             sound = worst.poles_stable & (worst.dc_stiffness_n_per_m >= 0)
-            faults = _faults(rows.problem, ~worst.poles_stable, worst.dc_stiffness_n_per_m)
+            faults = _faults(~worst.poles_stable, worst.dc_stiffness_n_per_m)
     margin, frequency, tolerance = lowest_of(worst_of_delays)
     passed = sound & (margin >= -tolerance)
-    if any_environment:
-        claim = f"each frozen row meets Llewellyn's condition (6) for any passive environment, under {_HOLD[model]}"
-    elif whole:
-        claim = f"each frozen row is passive with this environment {band.words}, under {_HOLD[model]}"
-    else:
-        claim = f"Re Z_h >= 0 {band.words}, under {_HOLD[model]}"
+    claim = PassivityClaim(_condition(level), model, band.stated)
     return level_result(rows, level, model, claim, RowMargins(passed, margin, frequency, tolerance, faults))
+
+
+def _condition(level: str) -> PassivityCondition:
+    """Return what a level claims."""
+    if LEVELS[level].any_environment:
+        return PassivityCondition.LLEWELLYN
+    return PassivityCondition.PASSIVE if LEVELS[level].where == "all" else PassivityCondition.REAL_PART
 
 
 def _llewellyn(rows: Rows, loop: SampledLoop, progress: Progress) -> list[FloatArray]:
@@ -422,11 +452,11 @@ def _llewellyn(rows: Rows, loop: SampledLoop, progress: Progress) -> list[FloatA
 
 @dataclass(frozen=True)
 class _Band:
-    """The band in which each of p present rows is judged, and its description."""
+    """The band in which each of p present rows is judged, and how a claim states it; None for every frequency."""
 
     low_hz: FloatArray
     high_hz: FloatArray
-    words: str
+    stated: BandOfRows | BandOfOneRow | None
 
 
 def _band(rows: Rows, where: Where) -> _Band:
@@ -434,17 +464,13 @@ def _band(rows: Rows, where: Where) -> _Band:
     factor = rows.problem.stability.band_factor if where == "band" else 1.0
     row_hz = rows.frequency_hz[rows.present]
     if where == "all":
-        return _Band(np.zeros(len(row_hz)), np.full(len(row_hz), np.inf), "at every frequency up to Nyquist")
+        return _Band(np.zeros(len(row_hz)), np.full(len(row_hz), np.inf), None)
     if len(rows.present) > 1:
-        words = (
-            f"from 1/{factor:g} to {factor:g} times its own frequency" if where == "band" else "at its own frequency"
-        )
-        return _Band(row_hz / factor, row_hz * factor, f"{words} for each frozen row")
+        return _Band(row_hz / factor, row_hz * factor, BandOfRows(factor))
     run_hz = rows.problem.frequencies_hz()
-    low = run_hz.min() / factor
-    high = run_hz.max() * factor
-    words = f"from {low:.4g} to {high:.4g} Hz, where the one row runs"
-    return _Band(np.full(len(row_hz), low), np.full(len(row_hz), high), words)
+    low_hz = float(run_hz.min()) / factor
+    high_hz = float(run_hz.max()) * factor
+    return _Band(np.full(len(row_hz), low_hz), np.full(len(row_hz), high_hz), BandOfOneRow(low_hz, high_hz))
 
 
 def _in_band(rows: Rows, level: str, model: Model) -> LevelResult:
@@ -453,7 +479,7 @@ def _in_band(rows: Rows, level: str, model: Model) -> LevelResult:
     parts = fractions(SampledLoop.of(rows.problem, model), rows.b, rows.k)
     corners = PlantFamily.of(rows.problem).devices
     worst = worst_real_impedance(corners, parts, rows.contact, band.low_hz, band.high_hz, model)
-    claim = f"Re Z_h >= 0 {band.words}, under {_HOLD[model]}, with the device as declared{_at_corners(corners)}"
+    claim = PassivityClaim(_condition(level), model, band.stated, len(corners))
     margins = RowMargins(worst.passed, worst.margin_ns_per_m, worst.frequency_hz, worst.tolerance_ns_per_m)
     return level_result(rows, level, model, claim, margins)
 
@@ -478,12 +504,9 @@ def _at_port(rows: Rows, level: str, progress: Progress) -> LevelResult:
         stable &= linear_stability(device, law, passive_hand(device)).radius[:, 0] < 1 - RADIUS_TOLERANCE
     passive = worst.passed[distinct_row]
     passed = passive & stable[distinct_row] & (stiffness >= 0)
-    claim = "each frozen row is passive with this environment at every frequency up to Nyquist"
-    if any_environment:
-        claim = "each frozen row meets Llewellyn's condition (6) for any passive environment"
-    claim += f", under {_HOLD['sampled-data']}, with the device as declared{_at_corners(corners)}"
-    beside_margin = _faults(rows.problem, stiffness >= 0, stiffness)
-    faults = [fault if is_passive else "" for fault, is_passive in zip(beside_margin, passive, strict=True)]
+    claim = PassivityClaim(_condition(level), "sampled-data", corners=len(corners))
+    beside_margin = _faults(stiffness >= 0, stiffness)
+    faults = [fault if is_passive else None for fault, is_passive in zip(beside_margin, passive, strict=True)]
     margins = RowMargins(
         passed=passed,
         margin=worst.margin_ns_per_m[distinct_row],
@@ -494,21 +517,15 @@ def _at_port(rows: Rows, level: str, progress: Progress) -> LevelResult:
     return level_result(rows, level, "sampled-data", claim, margins)
 
 
-def _faults(problem: Problem, unstable: BoolArray, dc_n_per_m: FloatArray) -> list[str]:
-    """Return what fails of each row besides a margin, in words."""
-    unit = problem.units.unit("N/m")
+def _faults(unstable: BoolArray, dc_n_per_m: FloatArray) -> list[RowFault | None]:
+    """Return what fails of each row besides a margin; None where nothing does."""
 
-    def fault(*, grows: bool, dc: float) -> str:
+    def fault(*, grows: bool, dc: float) -> RowFault | None:
         if grows:
-            return "a pole outside the unit circle"
-        return f"a negative DC stiffness of {quantity(dc, unit)}" if dc < 0 else ""
+            return UnstablePole()
+        return NegativeStiffness(dc) if dc < 0 else None
 
-    return [fault(grows=grows, dc=dc) for grows, dc in zip(unstable, dc_n_per_m, strict=True)]
-
-
-def _at_corners(corners: list[Device]) -> str:
-    """Return the part of a claim that names the corners of the device's ranges."""
-    return "" if len(corners) == 1 else f" at {len(corners)} corners of [device.range]"
+    return [fault(grows=grows, dc=dc) for grows, dc in zip(unstable, dc_n_per_m.tolist(), strict=True)]
 
 
 def ideal(device: Device) -> bool:
@@ -517,12 +534,12 @@ def ideal(device: Device) -> bool:
     return rigid(device) and all(delay == int(delay) for delay in delays)
 
 
-def non_idealities(device: Device) -> str:
-    """Return the properties that make a device not ideal, in words."""
+def non_idealities(device: Device) -> tuple[NonIdeality, ...]:
+    """Return the properties that make a device not ideal."""
     late = any(corner.delay_samples % 1 for corner in device_corners(device, ("delay_samples",)))
-    properties = {
-        "device.amplifier_bandwidth_hz": device.amplifier_bandwidth_hz is not None,
-        "device.resonance": device.resonance is not None,
-        "part of a sample of delay (device.delay_samples)": late,
+    declared = {
+        NonIdeality.AMPLIFIER: device.amplifier_bandwidth_hz is not None,
+        NonIdeality.RESONANCE: device.resonance is not None,
+        NonIdeality.PART_OF_SAMPLE: late,
     }
-    return " and ".join(name for name, declared in properties.items() if declared)
+    return tuple(name for name, is_declared in declared.items() if is_declared)

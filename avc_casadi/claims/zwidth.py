@@ -11,9 +11,11 @@ import numpy as np
 
 from avc_casadi._util.arrays import ComplexArray, FloatArray
 from avc_casadi._util.json_values import Document
+from avc_casadi._util.page import Worded
 from avc_casadi._util.printed import Columns, Tabular, short
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.claims.impedance import wave
+from avc_casadi.claims.level_claims import NonIdeality
 from avc_casadi.claims.levels import ideal, non_idealities
 from avc_casadi.claims.port import frequencies_hz, handle_port, passive_hand
 from avc_casadi.claims.worst_frequency import quadratic_stretch, refine_minima
@@ -43,13 +45,40 @@ CurveKey = Literal["passive-paper", "passive-sampled-data", "passive-delayed", "
 """Names of the claims."""
 
 
+@dataclass(frozen=True)
+class WallClaim(Worded):
+    """What is claimed of the walls below a curve.
+
+    Attributes:
+        key: name of the claim.
+        delay_samples: delay of the device.
+        filtered: whether the velocity filter of the scene acts on the damper.
+        corners: number of corners of the device's ranges.
+    """
+
+    key: CurveKey
+    delay_samples: float
+    filtered: bool
+    corners: int
+
+
+@dataclass(frozen=True)
+class NoWallProof(Worded):
+    """Passivity with the paper's hold has no proof on this device: that hold gives no loop from sample to sample.
+
+    Attributes:
+        properties: what makes the device not ideal; empty where it is the velocity filter of the scene.
+    """
+
+    properties: tuple[NonIdeality, ...]
+
+
 @dataclass(frozen=True, eq=False)
 class Curve(Document):
     """Largest stiffness of a wall at each wall damping for one claim.
 
     Attributes:
-        key: name of the curve in the document.
-        claim: what is claimed, in words.
+        claim: what is claimed.
         delay_samples: delay that the curve is for.
         stiffness_n_per_m: largest stiffness at each damping, shape (n,).
         holds_target: whether the claim holds of the requested wall.
@@ -57,11 +86,15 @@ class Curve(Document):
 
     JSON_KEYS: ClassVar = ("claim", "delay_samples", "stiffness_n_per_m", ("wanted_wall", "holds_target"))
 
-    key: CurveKey
-    claim: str
+    claim: WallClaim
     delay_samples: float
     stiffness_n_per_m: FloatArray
     holds_target: bool
+
+    @property
+    def key(self) -> CurveKey:
+        """Name of the curve in the document."""
+        return self.claim.key
 
 
 @dataclass(frozen=True)
@@ -93,7 +126,7 @@ class ZWidth(Tabular, Document):
         corners: number of corners of the device's ranges.
         used: declared keys that enter.
         not_used: declared keys that do not.
-        refused: claims that have no proof on this device, and why.
+        refused: why a claim has no proof on this device; empty where all have one.
         definition: the problem, for ``print``.
     """
 
@@ -126,7 +159,7 @@ class ZWidth(Tabular, Document):
     corners: int
     used: tuple[str, ...]
     not_used: tuple[str, ...]
-    refused: tuple[str, ...]
+    refused: tuple[NoWallProof, ...]
     definition: Problem
 
     def to_dict(self) -> Columns:
@@ -311,14 +344,13 @@ def zwidth(problem: AnyProblem, progress: Progress = SILENT) -> ZWidth:
 def _curves(problem: Problem, claims: Claims, rows: FloatArray, progress: Progress) -> tuple[Curve, ...]:
     """Return the curve of each claim; the last of the rows of dampings is that of the requested wall."""
     curves: list[Curve] = []
-    for key, (claim, walls) in claims.items():
-        progress.advance(len(curves), len(claims), claim)
+    for claim, walls in claims.items():
+        progress.advance(len(curves), len(claims), str(claim))
         stretches = walls(rows)
         curves.append(
             Curve(
-                key=key,
                 claim=claim,
-                delay_samples=problem.device.delay_samples + (key == "passive-delayed"),
+                delay_samples=problem.device.delay_samples + (claim.key == "passive-delayed"),
                 stiffness_n_per_m=stretches.first_n_per_m[:-1],
                 holds_target=bool(stretches.holds(problem.environment.stiffness_n_per_m)[-1]),
             )
@@ -344,59 +376,38 @@ def _encoder_limit_n_per_m(device: Device) -> float:
     return min(limits, default=0.0)
 
 
-Claims = dict[CurveKey, tuple[str, Callable[[FloatArray], Stretches]]]
-"""Claims by key: in words, and the walls of which it holds, by their dampings (n,)."""
+Claims = dict[WallClaim, Callable[[FloatArray], Stretches]]
+"""The walls of which each claim holds, by their dampings (n,)."""
 
 
-def _claims(problem: Problem, corners: Sequence[Device], hands: Hand) -> tuple[Claims, tuple[str, ...]]:
-    """Return all claims of a region, and those that have no proof on this device."""
+def _claims(problem: Problem, corners: Sequence[Device], hands: Hand) -> tuple[Claims, tuple[NoWallProof, ...]]:
+    """Return all claims of a region, and why another has no proof on this device."""
     filters = [effect for effect in problem.scene.effects if isinstance(effect, VelocityFilterEffect)]
     poles = velocity_poles(problem.device, problem.scene, filters[-1], problem.name) if filters else PLAIN
-    with_filter = ", with the velocity filter of the scene" if filters else ""
-    passive, refused = _passivity(problem.device, corners, poles, with_filter)
-    conditions = _conditions(problem.device, len(corners), with_filter)
+    of_device = partial(
+        WallClaim, delay_samples=problem.device.delay_samples, filtered=bool(filters), corners=len(corners)
+    )
+    passive, refused = _passivity(problem.device, corners, poles, of_device)
     stable: Claims = {
-        "stable-released": (
-            f"linearly stable without a hand{conditions}",
-            partial(stable_walls, corners, released_hand(), poles=poles),
-        ),
-        "stable-hands": (
-            f"linearly stable with every hand{conditions}",
-            partial(stable_walls, corners, hands, poles=poles),
-        ),
+        of_device("stable-released"): partial(stable_walls, corners, released_hand(), poles=poles),
+        of_device("stable-hands"): partial(stable_walls, corners, hands, poles=poles),
     }
     return passive | stable, refused
 
 
 def _passivity(
-    device: Device, corners: Sequence[Device], poles: Poles, with_filter: str
-) -> tuple[Claims, tuple[str, ...]]:
-    """Return the claims of passivity, and those that have no proof on this device."""
-    conditions = _conditions(device, len(corners), with_filter)
+    device: Device, corners: Sequence[Device], poles: Poles, of_device: Callable[[CurveKey], WallClaim]
+) -> tuple[Claims, tuple[NoWallProof, ...]]:
+    """Return the claims of passivity, and why one has no proof on this device."""
     is_ideal = ideal(device)
     walls = partial(passive_walls, corners, poles=poles)
-    sampled: Claims = {
-        "passive-sampled-data": (f"passive, sampled-data{conditions}", partial(walls, model="sampled-data"))
-    }
+    sampled: Claims = {of_device("passive-sampled-data"): partial(walls, model="sampled-data")}
     if not is_ideal or poles != PLAIN:
-        not_known = "a velocity filter" if is_ideal else non_idealities(device)
-        why = (
-            f"passive with the paper's hold: no proof on a device with {not_known}, for which that hold gives no loop "
-            "from sample to sample"
-        )
-        return sampled, (why,)
-    claims: Claims = {"passive-paper": (f"passive, paper's hold{conditions}", partial(walls, model="paper")), **sampled}
+        return sampled, (NoWallProof(non_idealities(device)),)
+    claims: Claims = {of_device("passive-paper"): partial(walls, model="paper"), **sampled}
     if max(corner.delay_samples for corner in corners) == 0:
-        late = partial(walls, model="sampled-data", more_delay=1)
-        claims["passive-delayed"] = (f"passive, sampled-data, 1 sample of delay{conditions}", late)
+        claims[of_device("passive-delayed")] = partial(walls, model="sampled-data", more_delay=1)
     return claims, ()
-
-
-def _conditions(device: Device, corners: int, with_filter: str) -> str:
-    """Return the qualification of a claim, in words."""
-    late = device.delay_samples
-    delay = f", {late:g} sample{'' if late == 1 else 's'} of delay" if late else ""
-    return delay + with_filter + (f", at {corners} corners of the device" if corners > 1 else "")
 
 
 def _keys(problem: Problem, *, encoder_bound: bool) -> tuple[tuple[str, ...], tuple[str, ...]]:

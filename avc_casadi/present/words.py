@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from avc_casadi.claims.deployable import ClaimName
     from avc_casadi.diagnose.remedies import RemedyKey
     from avc_casadi.model.ends import Exchange
-    from avc_casadi.recommendation.preconditions import Unused
+    from avc_casadi.recommendation.assumptions import Unused
     from avc_casadi.simulation.scene import Claim
 
 # Certificates of couplings to a wall.

@@ -20,9 +20,9 @@ from avc_casadi.loops.loop_family import LeastDampedMode
 from avc_casadi.loops.margins import Margins, OpenLoop, Transient, transients
 from avc_casadi.model.ends import End, Follower, Simulation, ToolGains
 from avc_casadi.model.problem import Problem
+from avc_casadi.recommendation.assumptions import Assumption, Unused
 from avc_casadi.recommendation.damped_wall import DampedWall
 from avc_casadi.recommendation.evaluator import PerturbedDevices, UnmodelledTrial
-from avc_casadi.recommendation.preconditions import Assumption, Unused
 from avc_casadi.recommendation.reasons import Reason, Unsettled
 from avc_casadi.recommendation.rendered import RenderedPair, RenderedPoint
 from avc_casadi.recommendation.rendered_wall import RenderedWall

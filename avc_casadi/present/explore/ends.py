@@ -250,8 +250,8 @@ def _wall_answer(
         gains = row("Gains", subject.counts(schedule.counts()))
         method = Judged(None, [gains])
         if extent is Extent.WHOLE:
-            found = None if coupling is None else deployable(coupling)
-            method = Judged(of_coupling(found), [subject.deployable(found), gains])
+            verdict = None if coupling is None else deployable(coupling)
+            method = Judged(of_coupling(verdict), [subject.deployable(verdict), gains])
     if extent is Extent.WHOLE:
         runs = {}
         if "cutoff_hz" not in given and wall["stiffness_n_per_m"]:
@@ -359,7 +359,7 @@ def _impedances(
 def _region(explorer: Explorer, problem: Problem, stated: str, law: Mapping[str, float]) -> dict[str, Any]:
     walls, wall = explorer.cached(f"region {stated}", lambda: zwidth(problem)), problem.environment
     damping = walls.damping_ns_per_m[1:]
-    lines = [line(curve.claim, curve.key, damping, curve.stiffness_n_per_m[1:]) for curve in walls.curves]
+    lines = [line(str(curve.claim), curve.key, damping, curve.stiffness_n_per_m[1:]) for curve in walls.curves]
     pairs = {
         ("wanted wall", "desired"): (wall.stiffness_n_per_m, wall.damping_ns_per_m),
         ("your k and b", "own"): (law["stiffness_n_per_m"], law["damping_ns_per_m"]),

@@ -112,9 +112,9 @@ def solved(end: End, problem: Any, method: str, progress: Progress) -> Solved:  
     gains = solve(problem, method, progress=progress)
     usable = bool(gains.usable.any())
     coupling = Coupling.from_schedule(problem, gains) if usable else None
-    found = None if coupling is None else deployable(coupling, progress)
+    verdict = None if coupling is None else deployable(coupling, progress)
     notes = [row("Note", note) for note in (gains.notes if usable else dict.fromkeys(gains.reason))]
-    return Solved(coupling, Judged(of_coupling(found), [subject.deployable(found), *notes]))
+    return Solved(coupling, Judged(of_coupling(verdict), [subject.deployable(verdict), *notes]))
 
 
 @solved.register

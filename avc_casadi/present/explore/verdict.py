@@ -85,14 +85,14 @@ def of_pair(certificate: PairCertificate) -> Verdict:
     return Verdict(grade(sound, Mark.CAUTION), "stable", gain_margin(certificate.gain_margin))
 
 
-def of_coupling(found: Deployable | None) -> Verdict:
+def of_coupling(deployable: Deployable | None) -> Verdict:
     """Return the verdict on a coupling of a method; None where the method has no gains."""
-    if found is None:
+    if deployable is None:
         return Verdict(Mark.FAIL, "no gains")
-    if not found.passed:
+    if not deployable.passed:
         return Verdict(Mark.FAIL, NOT_DEPLOYABLE)
-    sound = math.isnan(found.disk_margin) or found.disk_margin >= SOUND_DISK
-    return Verdict(grade(sound, Mark.CAUTION), DEPLOYABLE, disk_margin(found.disk_margin))
+    sound = math.isnan(deployable.disk_margin) or deployable.disk_margin >= SOUND_DISK
+    return Verdict(grade(sound, Mark.CAUTION), DEPLOYABLE, disk_margin(deployable.disk_margin))
 
 
 def of_recommendation(recommended: Recommendation) -> Judged:

@@ -185,7 +185,7 @@ def draw_zwidth(region: ZWidth) -> Figure:
     stiffnesses = []
     for curve in region.curves:
         colour, dash, width = _CURVES[curve.key]
-        label = f"{curve.claim} (of {region.hands})" if curve.key == "stable-hands" else curve.claim
+        label = f"{curve.claim} (of {region.hands})" if curve.key == "stable-hands" else str(curve.claim)
         stiffness = curve.stiffness_n_per_m[1:]
         stiffnesses.append(stiffness)
         fill = curve.key == "passive-sampled-data"

@@ -88,7 +88,9 @@ def draw_diagnosis(diagnosis: Diagnosis) -> Figure:
     titles = ("position", "oscillation and envelope", "force against position", "spectrum")
     figure = style.panels(titles, 5.8, "ab;cd")
     position, oscillation, cycles, spectrum = figure.axes
-    log, swing, units = diagnosis.log, diagnosis.swing, diagnosis.design.device.units
+    log = diagnosis.log
+    swing = diagnosis.swing
+    units = diagnosis.design.device.units
     time, inside = log.time_s, slice(swing.first, swing.last)
     size, unit = (1e3, units.unit("mm")) if swing.peak_to_peak_m > _LARGE_M else (1e6, units.unit("um"))
     position.plot(time, 1e3 * log.position_m, color=style.BLUE, linewidth=0.8)

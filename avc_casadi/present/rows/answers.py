@@ -7,12 +7,20 @@ from functools import singledispatch
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.claims.admittance import AdmittanceCertificate
 from avc_casadi.claims.certify import Certificate
-from avc_casadi.claims.deployable import CertifiedCoupling, ClaimRemedy, DeployClaim, DetentRemedy, deployable
+from avc_casadi.claims.deployable import (
+    CertifiedCoupling,
+    ClaimRemedy,
+    Deployable,
+    DeployClaim,
+    DetentRemedy,
+    deployable,
+)
 from avc_casadi.claims.engine_port import PortPassivity
 from avc_casadi.claims.joint import JointCertificate
+from avc_casadi.claims.level_claims import LevelFinding, WhyNotJudged
 from avc_casadi.claims.mass_width import MassWidth
 from avc_casadi.claims.own_law import LawCertificate
-from avc_casadi.claims.zwidth import ZWidth
+from avc_casadi.claims.zwidth import NoWallProof, WallClaim, ZWidth
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.comparison.comparison import Comparison
 from avc_casadi.design.pair_certificate import PairCertificate
@@ -21,10 +29,20 @@ from avc_casadi.design.solution import SolvedGains
 from avc_casadi.design.virtual_tool import PairFault
 from avc_casadi.model.gains import GainSchedule
 from avc_casadi.present.row import Answer, Page
-from avc_casadi.present.rows import admittance, claim_words, design, joint, judge, law_words, level_words
+from avc_casadi.present.rows import (
+    admittance,
+    assumption_words,
+    claim_words,
+    design,
+    joint,
+    judge,
+    law_words,
+    level_words,
+)
 from avc_casadi.present.rows.reasons import clauses, sentence
 from avc_casadi.present.rows.recommend import recommendation
 from avc_casadi.recommendation.admittance import AdmittanceRecommendation
+from avc_casadi.recommendation.assumptions import Assumption, Unused
 from avc_casadi.recommendation.joint import JointRecommendation
 from avc_casadi.recommendation.recommendation import LimitCycleFreedom, Recommendation
 from avc_casadi.simulation.scene import Run
@@ -46,10 +64,17 @@ def text_of(result: object) -> str:
 answer_of.register(Recommendation, recommendation)
 answer_of.register(LawCertificate, judge.own_law)
 clauses.register(LawCertificate, law_words.law_clauses)
+clauses.register(Assumption, assumption_words.assumption_clauses)
+clauses.register(Unused, assumption_words.unused_clauses)
+clauses.register(LevelFinding, level_words.level_clauses)
+clauses.register(WhyNotJudged, level_words.refusal_clauses)
 clauses.register(LimitCycleFreedom, level_words.limit_cycle_clauses)
+clauses.register(WallClaim, level_words.wall_claim_clauses)
+clauses.register(NoWallProof, level_words.no_wall_proof_clauses)
 clauses.register(PairCertificate, level_words.pair_clauses)
 clauses.register(PairFault, level_words.pair_fault_clauses)
 clauses.register(PortPassivity, level_words.port_clauses)
+clauses.register(Deployable, claim_words.verdict_clauses)
 clauses.register(DeployClaim, claim_words.claim_clauses)
 clauses.register(ClaimRemedy, claim_words.remedy_clauses)
 clauses.register(DetentRemedy, claim_words.detent_remedy_clauses)

@@ -9,6 +9,7 @@ from avc_casadi._util.text import quantity
 from avc_casadi._util.units import Units
 from avc_casadi.claims.deployable import (
     ClaimRemedy,
+    Deployable,
     DeployClaim,
     DetentClaim,
     DetentRemedy,
@@ -52,6 +53,14 @@ def claim_clauses(claim: DeployClaim, units: Units) -> tuple[str, ...]:
     """Return what a claim says, or what does not hold."""
     without = " (judged without the observer, which is not linear)" if claim.without_observer else ""
     return (f"{_fact(claim, units)}{without}",)
+
+
+def verdict_clauses(verdict: Deployable, units: Units) -> tuple[str, ...]:  # noqa: ARG001
+    """Return the verdict on a coupling: which claims fail."""
+    if verdict.passed:
+        return ("deployable: linearly stable with every hand of [hands] and released",)
+    first, *more = (claim.sentence for claim in verdict.failed)
+    return f"not deployable: {first}", *more
 
 
 @singledispatch
@@ -114,11 +123,11 @@ def _worst_of(claim: StabilityClaim, units: Units) -> str:
 def _detent(claim: DetentClaim, units: Units) -> str:
     slope, top = (quantity(sign * claim.slope_n_per_m, units.unit("N/m")) for sign in (1, -1))
     if claim.passed:
-        others = f"; the others leave the peak without oscillation, with a time constant of {claim.leaves_s:.3g} s"
+        leaving = f"; the others leave the peak without oscillation, with a time constant of {claim.leaves_s:.3g} s"
         return (
             f"detents: in a valley, a spring of {slope}, linearly stable with every hand of [hands] and "
             f"released, spectral radius {claim.radius:.6g} at most; at a peak, a spring of {top}: {claim.held} of "
-            f"{claim.hands} hands (or no hand) stay there{'' if claim.held == claim.hands else others}"
+            f"{claim.hands} hands (or no hand) stay there{'' if claim.held == claim.hands else leaving}"
         )
     if claim.in_valley:
         return f"detents: linearly unstable at a peak, a spring of {top}: a device that leaves it oscillates"

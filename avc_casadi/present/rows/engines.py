@@ -138,7 +138,7 @@ def _misfit(coupling: Coupling, name: str) -> str:
         return f"is not a known engine; allowed: {', '.join(_ENGINES)}"
     engine, tool = _ENGINES[name], coupling.tool
     if not engine.turns and not coupling.problem.units.linear:
-        turning = ", ".join(other for other, known in _ENGINES.items() if known.turns)
+        turning = ", ".join(engine for engine, known in _ENGINES.items() if known.turns)
         return f"supports no rotary device; use {turning}"
     integrators = engine.integrators or _SEMI_IMPLICIT
     lacking = ""

@@ -33,7 +33,7 @@ from avc_casadi.present import words
 from avc_casadi.present.row import Answer, Mark, Part, Row, Value, caution, commas, grade, parts, row, span
 from avc_casadi.present.rows import pieces, subject
 from avc_casadi.present.rows.other_ends import stability
-from avc_casadi.recommendation.preconditions import Unused
+from avc_casadi.recommendation.assumptions import Unused
 from avc_casadi.simulation.population.trial import RestCount
 from avc_casadi.simulation.scene import Run
 from avc_casadi.simulation.screen import EffectCost, SceneCost
@@ -389,13 +389,13 @@ def walls(result: ZWidth, shown: str = "") -> Answer:
     if result.encoder_limit_n_per_m is not None:
         source = "for a passive wall, 2 f_c/Delta (Abbott and Okamura 2005)"
         rows.append(row("Encoder limit", Value(result.encoder_limit_n_per_m, "stiffness"), source))
-    rows += subject.notes(result.refused, "Not judged")
+    rows += subject.notes((worded(refusal, problem.units) for refusal in result.refused), "Not judged")
     return subject.answer("zwidth", result.document(), problem, shown, rows, "recommend {} --stiffest")
 
 
 def _requested_wall(result: ZWidth) -> Row:
     """Return which claims hold of the requested wall."""
-    met = [curve.claim for curve in result.curves if curve.holds_target]
+    met = [str(curve.claim) for curve in result.curves if curve.holds_target]
     whole = len(met) == len(result.curves)
     if result.curve_of["stable-hands"].holds_target and not result.curve_of["stable-released"].holds_target:
         met.append("unstable when released")

@@ -32,7 +32,7 @@ from avc_casadi.present.row import (
     span,
 )
 from avc_casadi.present.rows import subject
-from avc_casadi.recommendation.preconditions import Unused
+from avc_casadi.recommendation.assumptions import Unused
 
 if TYPE_CHECKING:  # studies, which load slowly
     from avc_casadi.design.comparison.accuracy import Accuracy, SolverCost
@@ -161,8 +161,7 @@ def _asked_of_wall(end: Wall, result: CheckedProblem) -> list[Row]:  # noqa: ARG
     if keys := declared(stated):
         rows.append(row("Declared", ", ".join(map(stated.units.key, keys))))
     weakening = (unused for unused in result.not_used if not unused.asked_of_solve)
-    unused = [f"{unused}: ignored by avc recommend" for unused in weakening]
-    rows += subject.notes(unused, "Not used")
+    rows += subject.notes((f"{unused}: ignored by avc recommend" for unused in weakening), "Not used")
     return rows + subject.notes(words.used_by_solve(result.not_used), "Not used", Mark.NONE)
 
 
@@ -323,9 +322,9 @@ def installation(result: Installation, *, asked: bool) -> Answer:
     return Answer("doctor", plain(result), title, tuple(rows), complaint=complaint)
 
 
-def ports(found: Sequence[SerialPort], *, asked: bool) -> list[Row]:
+def ports(connected: Sequence[SerialPort], *, asked: bool) -> list[Row]:
     """Return the serial ports, a row each; with ``asked`` the device behind each."""
-    return [_port(port, asked=asked) for port in found] or [row("Serial ports", "none")]
+    return [_port(port, asked=asked) for port in connected] or [row("Serial ports", "none")]
 
 
 def _port(port: SerialPort, *, asked: bool) -> Row:

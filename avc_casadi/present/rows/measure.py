@@ -180,17 +180,21 @@ _LEAST_MISFIT = 1e-3
 """Residual of a law below which its row says no more."""
 
 
-def diagnosis(found: Sequence[Diagnosis]) -> Answer:
+def diagnosis(diagnoses: Sequence[Diagnosis]) -> Answer:
     """Return the answer of `diagnose`: the rows of one log, or a row for each of several."""
-    units = found[0].design.device.units
-    documents = [result.data() for result in found]
-    if len(found) > 1:
-        rows = [row(result.log.name, result.conclusion, mark=_verdict_mark(result)) for result in found[:_MOST_LOGS]]
-        rows += [row("Others", subject.plural(len(found) - _MOST_LOGS, "log"))] if len(found) > _MOST_LOGS else []
-        return Answer("diagnose", {"logs": documents}, (f"{len(found)} logs",), tuple(rows), units=units)
-    log = found[0].log
+    units = diagnoses[0].design.device.units
+    documents = [result.data() for result in diagnoses]
+    if len(diagnoses) > 1:
+        rows = [
+            row(result.log.name, result.conclusion, mark=_verdict_mark(result)) for result in diagnoses[:_MOST_LOGS]
+        ]
+        rows += (
+            [row("Others", subject.plural(len(diagnoses) - _MOST_LOGS, "log"))] if len(diagnoses) > _MOST_LOGS else []
+        )
+        return Answer("diagnose", {"logs": documents}, (f"{len(diagnoses)} logs",), tuple(rows), units=units)
+    log = diagnoses[0].log
     title = parts(log.name, " ", Value(log.position_m.size * log.period_s, "time"))
-    return Answer("diagnose", documents[0], title, tuple(_diagnosis_rows(found[0])), units=units)
+    return Answer("diagnose", documents[0], title, tuple(_diagnosis_rows(diagnoses[0])), units=units)
 
 
 def _verdict_mark(result: Diagnosis) -> Mark:

@@ -42,7 +42,9 @@ def no_pair_rows(recommended: NoPair) -> list[Row]:
 
 def pair_rows(recommended: PairRecommendation) -> list[Row]:
     """Return the rows of a coupling to another end: its gains, what it renders, stability, trial and limits."""
-    problem, pair, coupling = recommended.problem, recommended.pair, recommended.coupling
+    problem = recommended.problem
+    pair = recommended.pair
+    coupling = recommended.coupling
     local = subject.local_damper(recommended.end)
     soft = pair.wanted_n_per_m is None and coupling.gains.stiffness_n_per_m < problem.hands.stiffness_n_per_m[0]
     doubt = grade(not soft and not thin(pair.gain_margin, pair.motor_margins), Mark.CAUTION)

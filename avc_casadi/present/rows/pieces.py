@@ -104,12 +104,14 @@ def limited(result: LawCertificate) -> list[Row]:
 def friction(result: LawCertificate) -> list[Row]:
     """Return what a friction compensation is to the least friction, and up to which swing friction is credited."""
     rows = []
-    law, credit, device = result.law, result.friction, result.problem.device
+    law = result.law
+    credit = result.friction
+    device = result.problem.device
     if isinstance(law, ControlLaw) and law.friction_compensation is not None:
         force_n, least_n = law.friction_compensation.force_n, least_friction_n(device)
         how = "above" if force_n > least_n else "up to"
-        told = ("pushes with", Value(force_n, "force"), f", {how} the least friction,", Value(least_n, "force"))
-        rows.append(row("Compensation", told, mark=caution(force_n > least_n)))
+        pushes = ("pushes with", Value(force_n, "force"), f", {how} the least friction,", Value(least_n, "force"))
+        rows.append(row("Compensation", pushes, mark=caution(force_n > least_n)))
     if credit is not None:
         rows.append(row("By friction", _credit(credit), mark=grade(credit.suffices(device), Mark.FAIL)))
     return rows

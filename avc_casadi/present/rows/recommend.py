@@ -8,6 +8,7 @@ from shlex import quote
 
 from avc_casadi.present.row import Answer, Mark, Row, caution, row
 from avc_casadi.present.rows import other_ends, reasons, subject, wall
+from avc_casadi.recommendation.assumptions import Slip
 from avc_casadi.recommendation.recommendation import (
     Decision,
     NoCoupling,
@@ -114,5 +115,5 @@ def _wall_details(recommended: WallRecommendation) -> list[Row]:
 
 
 def _assumed(recommended: Recommendation) -> list[Row]:
-    assumed = (assumption.text for assumption in recommended.assumed if not assumption.slip)
+    assumed = (assumption.text for assumption in recommended.assumed if not isinstance(assumption, Slip))
     return subject.notes(assumed, "Assumed", Mark.NONE, 1)

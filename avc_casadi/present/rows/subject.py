@@ -19,7 +19,8 @@ from avc_casadi.model.joint import Joint, NoDevice
 from avc_casadi.model.problem import Problem
 from avc_casadi.present import words
 from avc_casadi.present.row import Answer, Mark, Part, Row, Value, caution, commas, fill, grade, parts, row, span
-from avc_casadi.recommendation.preconditions import Unused
+from avc_casadi.present.rows.assumption_words import why_unused
+from avc_casadi.recommendation.assumptions import Unused, WhyUnused
 from avc_casadi.simulation.population.trial import HandCounts
 
 HAND = ("mass_kg", "damping_ns_per_m", "stiffness_n_per_m")
@@ -228,16 +229,14 @@ def not_used(declared: Iterable[Unused]) -> list[Row]:
     """Return what is declared and no part of a coupling to another end, a row for each reason."""
     by_reason: dict[str, list[str]] = {}
     for unused in declared:
-        by_reason.setdefault(unused.why, []).append(unused.key)
+        by_reason.setdefault(why_unused(unused), []).append(unused.key)
     return [row("Not used", f"{', '.join(names)}: {why}", mark=Mark.CAUTION) for why, names in by_reason.items()]
 
 
-_USES_LAW = "avc certify judges it, avc trial, simulate and export run it"
-
-
-def law_not_used(problem: Problem, why: str = _USES_LAW) -> list[Row]:
+def law_not_used(problem: Problem, why: str | None = None) -> list[Row]:
     """Return that an answer does not use the table [law], and which commands do; nothing without a law."""
-    return [] if problem.law is None else [row("Not used", f"law: {why}", mark=Mark.CAUTION)]
+    commands = why_unused(Unused("law", WhyUnused.LAW)) if why is None else why
+    return [] if problem.law is None else [row("Not used", f"law: {commands}", mark=Mark.CAUTION)]
 
 
 def notes(sentences: Iterable[str], label: str = "Note", mark: Mark = Mark.CAUTION, rank: int = 0) -> list[Row]:

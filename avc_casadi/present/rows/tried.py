@@ -64,14 +64,14 @@ def _cycles(case: LawCase) -> Iterator[Row]:
 def _relay(result: LawTrial) -> Iterator[Row]:
     """Yield a friction compensation that is larger than the least friction."""
     law, least = result.problem.law, result.least_friction
-    own = None if law is None else law.friction_compensation
-    if own is None:
+    compensation = None if law is None else law.friction_compensation
+    if compensation is None:
         return
     least_n = result.declared.friction_n if least is None else least.friction_n
-    if own.force_n > least_n:
+    if compensation.force_n > least_n:
         larger = (
             "compensates",
-            Value(own.force_n, "force"),
+            Value(compensation.force_n, "force"),
             "of friction, of which there may be",
             Value(least_n, "force"),
         )
@@ -98,8 +98,8 @@ def _with_friction(label: str, case: LawCase | None, hands: int, *, judged: bool
         "the released device does not come to rest" if case.released is False else None,
         ("swings", cycle(ends)) if ends is not None else None,
     ]
-    first, *others = [group for group in groups if group is not None]
-    text: Parts = (first, commas(others)) if case.friction_n else commas([first, *others])
+    first, *further = [group for group in groups if group is not None]
+    text: Parts = (first, commas(further)) if case.friction_n else commas([first, *further])
     yield row(label, text, mark=grade(rests) if judged else Mark.NONE)
 
 

@@ -12,6 +12,7 @@ from avc_casadi.present import words
 from avc_casadi.present.row import Mark, Part, Parts, Row, Value, caution, commas, count, grade, row, span
 from avc_casadi.present.rows import subject
 from avc_casadi.present.rows.reasons import CHANGES
+from avc_casadi.recommendation.assumptions import Slip
 from avc_casadi.recommendation.damped_wall import DampedWall
 from avc_casadi.recommendation.evaluator import UnmodelledTrial
 from avc_casadi.recommendation.rank import UNNOTICED
@@ -68,7 +69,9 @@ def wall_rows(recommended: WallRecommendation) -> list[Row]:
     ]
     if not recommended.deployable:
         return [*first, *_simulated(recommended)]
-    problem, trial, rendered = recommended.problem, recommended.trial, recommended.rendered
+    problem = recommended.problem
+    trial = recommended.trial
+    rendered = recommended.rendered
     return [
         *first,
         *_margins(recommended),
@@ -121,12 +124,12 @@ def _margins(recommended: WallRecommendation) -> list[Row]:
 def _damping_ratio(recommended: WallRecommendation) -> Row:
     """Return the damping ratio of the least damped loop; where it rings, with what a damper of the wall changes."""
     problem, transients = recommended.problem, recommended.transients
-    who: words.Who = "worst_hand"
+    which_loop: words.Who = "worst_hand"
     worst = transients.worst_hand
     if transients.released.damping_ratio < worst.damping_ratio:
-        who = "released"
+        which_loop = "released"
         worst = transients.released
-    shown = subject.damping_ratio(worst.damping_ratio, worst.frequency_hz, who, problem.device.sample_time_s)
+    shown = subject.damping_ratio(worst.damping_ratio, worst.frequency_hz, which_loop, problem.device.sample_time_s)
     if worst.damping_ratio >= RINGS_BELOW:
         return shown
     remedy: Parts = "no damper of the wall that was tried helps"
@@ -174,7 +177,7 @@ def is_noticed(rendered: RenderedWall) -> bool:
 
 def slips(recommended: Recommendation) -> list[Row]:
     """Return the values of the device that may be slips."""
-    doubts = [assumption.text for assumption in recommended.assumed if assumption.slip]
+    doubts = [assumption.text for assumption in recommended.assumed if isinstance(assumption, Slip)]
     return [row("Values", "; ".join(doubts), mark=Mark.CAUTION)] if doubts else []
 
 
@@ -329,9 +332,9 @@ def contact_rows(rendered: RenderedWall, problem: Problem) -> list[Row]:
         rows.append(row("Leaving contact", pushes, withdraws, mark=caution(late), rank=0 if late else 1))
     if creep is not None and creep.play_n > rendered.noticed_n:
         known = math.isfinite(creep.speed_m_per_s)
-        who = ("a hand slower than", Value(creep.speed_m_per_s, "speed")) if known else "a hand"
+        hand = ("a hand slower than", Value(creep.speed_m_per_s, "speed")) if known else "a hand"
         play = Value(creep.play_m, "length"), "(", Value(creep.play_n, "force"), ")"
-        rows.append(row("Slow press", who, "feels a change of force only after", play))
+        rows.append(row("Slow press", hand, "feels a change of force only after", play))
     fast = {speed: share for speed, share in rendered.rebound.items() if share > _THROWS}
     if fast:
         exits = commas((Value(share, "number"), "times", Value(speed, "speed")) for speed, share in fast.items())
