@@ -77,13 +77,13 @@ class InputError(AvcError, ValueError):
     @property
     def told(self) -> tuple[Fault, ...]:
         """The first faults, in 20 lines and 1800 characters, and one with the number of the others."""
-        told, left = list[Fault](), _MOST_CHARACTERS
+        told, characters_left = list[Fault](), _MOST_CHARACTERS
         for fault in self.faults[:_MOST_FAULTS]:
-            one = Fault(_cut(fault.file, 500), fault.line, _cut(fault.key, 200), _cut(fault.message, 1000))
-            left -= len(str(one)) + 1
-            if left < 0:
+            shortened = Fault(_cut(fault.file, 500), fault.line, _cut(fault.key, 200), _cut(fault.message, 1000))
+            characters_left -= len(str(shortened)) + 1
+            if characters_left < 0:
                 break
-            told.append(one)
+            told.append(shortened)
         more = len(self.faults) - len(told)
         return (*told, Fault(told[-1].file, None, "", f"has {more} more faults")) if more else tuple(told)
 

@@ -108,15 +108,17 @@ class Coupling:
         versions: Mapping[str, str] | None = None,
     ) -> Coupling:
         """Return the coupling of a schedule: its rows with gains, thinned once."""
-        beside = runtime or Runtime(state_feedback=schedule.state_feedback)
-        return cls(problem, schedule, thinned(GainTable.of(schedule)), beside, versions=versions or {})
+        deployed_runtime = runtime or Runtime(state_feedback=schedule.state_feedback)
+        return cls(problem, schedule, thinned(GainTable.of(schedule)), deployed_runtime, versions=versions or {})
 
     @classmethod
     def constant(cls, problem: Problem, gains: Gains, method: str, runtime: Runtime | None = None) -> Coupling:
         """Return a coupling of finite constant gains, for example ones tuned by hand."""
         table = GainTable.constant_gains(gains, float(problem.frequencies_hz()[0]))
-        beside = runtime or Runtime()
-        return cls(problem, schedule_of(problem, table, method, beside.state_feedback), table, beside)
+        deployed_runtime = runtime or Runtime()
+        return cls(
+            problem, schedule_of(problem, table, method, deployed_runtime.state_feedback), table, deployed_runtime
+        )
 
     @property
     def static_stiffness_n_per_m(self) -> float:
@@ -290,10 +292,10 @@ def schedule_of(
 
 def check_sample_time(sample_time_s: float, problem: Problem, file: str) -> None:
     """Refuse gains of another sample time, which belong to another loop. Unknown (NaN) passes."""
-    own = problem.device.sample_time_s
-    if math.isfinite(sample_time_s) and not math.isclose(sample_time_s, own, rel_tol=1e-9):
+    period_s = problem.device.sample_time_s
+    if math.isfinite(sample_time_s) and not math.isclose(sample_time_s, period_s, rel_tol=1e-9):
         raise InputError.of(
-            f"is {sample_time_s:g}, but device.sample_time_s of {problem.name} is {own:g}; give gains that were "
+            f"is {sample_time_s:g}, but device.sample_time_s of {problem.name} is {period_s:g}; give gains that were "
             "solved for this sample time",
             file=file,
             key="sample_time_s",

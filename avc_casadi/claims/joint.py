@@ -184,7 +184,9 @@ class _Limits:
 
     def _at(self, name: str, value: float) -> tuple[JointGains, Mapping[str, float]]:
         """Return gains and changes of the joint at a value of a number."""
-        kp, kd, difference = self.gains.kp, self.gains.kd, self.gains.difference
+        kp = self.gains.kp
+        kd = self.gains.kd
+        difference = self.gains.difference
         if name in ("step_s", "mass_kg"):
             return self.gains, {name: value}
         by_name = {

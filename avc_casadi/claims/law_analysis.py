@@ -192,8 +192,8 @@ class LawAnalysis:
 
     def _confirm(self, *laws: SpringDamper) -> bool:
         """Search the ranges for what is unstable with a law, and keep it."""
-        found = [(law, self.worst(law, side, radius)) for law in laws for side in self.sides]
-        worse = [point for law, point in found if self.around(law, [point]).closed.radius.max() >= 1]
+        worst_of_laws = [(law, self.worst(law, side, radius)) for law in laws for side in self.sides]
+        worse = [point for law, point in worst_of_laws if self.around(law, [point]).closed.radius.max() >= 1]
         self.worst_points += worse
         return not worse
 

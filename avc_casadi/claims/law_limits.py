@@ -178,8 +178,8 @@ class LawLimits:
     def _searched(self, laws: Sequence[Law]) -> IndexArray:
         """Return the rows of new points of the ranges that are unstable with some laws."""
         before = len(self._points)
-        found = [self._worst(law, side) for law in laws for side in self.family.sides]
-        unstable = [case.point for case in found if case.value >= 1]
+        cases = [self._worst(law, side) for law in laws for side in self.family.sides]
+        unstable = [case.point for case in cases if case.value >= 1]
         if unstable:
             self._keep(unstable)
         return np.arange(before, len(self._points))

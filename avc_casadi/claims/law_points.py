@@ -105,8 +105,8 @@ def worst(law: Law, side: PointSide, measure: Measure) -> WorstPoint:
         return measure(OpenLoop.around(plant, law_at(law, values, slice(None)))).astype(np.complex128)
 
     if not law.sectors:
-        found = side.worst_case(of_plants)
-        return WorstPoint(LawPoint(*found.pair), found.radius)
+        pair_case = side.worst_case(of_plants)
+        return WorstPoint(LawPoint(*pair_case.pair), pair_case.radius)
     assert isinstance(side, PlantFamily)  # noqa: S101 - no other family has laws with sectors
     case = side.worst_case(
         of_plants, **{sector.name: (max(sector.least, _LEAST_SLOPE), sector.most) for sector in law.sectors}

@@ -7,8 +7,9 @@ b_p alone acts. Each number is the worst over the ranges of hand and device, of 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ from avc_casadi.claims.law_limits import BeyondLimit, LawLimits, LimitSide, Numb
 from avc_casadi.claims.law_points import corner_points, radius, worst
 from avc_casadi.claims.stable_interval import Interval
 from avc_casadi.claims.stated_law import (
+    ActingLaws,
     AnyLaw,
     StatedSystem,
     acting_laws,
@@ -131,7 +133,9 @@ class LawCertificate(Printed):
         law = self.law
         if not isinstance(law, SpringDamper):
             return nearest_limit(law, self.intervals or {}, self.problem.device.sample_time_s)
-        k, b, b_p = law.stiffness_n_per_m, law.damping_ns_per_m, law.local_damping_ns_per_m
+        k = law.stiffness_n_per_m
+        b = law.damping_ns_per_m
+        b_p = law.local_damping_ns_per_m
         if self.free is not None and not self.free.stable and self.largest_local_damping_ns_per_m is not None:
             return BeyondLimit(
                 LimitSide.ABOVE_OUTSIDE, "local_damping_ns_per_m", b_p, self.largest_local_damping_ns_per_m
@@ -152,7 +156,7 @@ class LawCertificate(Printed):
         """Return JSON values."""
         verdict = {"pass": self.passed, "stable": self.stable, "disk_margin": self.disk_margin, "quiet": self.quiet}
         rendered = {f"at_{hz:g}_hz_n_per_m": value for hz, value in self.rendered_n_per_m.items()}
-        own = {"problem": self.problem.name, "deployable": {**verdict, "reason": self.reason}, "rendered": rendered}
+        judged = {"problem": self.problem.name, "deployable": {**verdict, "reason": self.reason}, "rendered": rendered}
         of_pieces = (
             ("intervals", "largest_common_gain", "smallest_common_gain") if isinstance(self.law, SpringDamper) else ()
         )
@@ -162,7 +166,7 @@ class LawCertificate(Printed):
             del numbers["friction"]
         if not isinstance(self.law, SpringDamper):
             numbers["law"] = self.law.document()
-        return self.problem.units.document(plain({"schema": "avc/1", "kind": "law", **own, **numbers}))
+        return self.problem.units.document(plain({"schema": "avc/1", "kind": "law", **judged, **numbers}))
 
 
 def certify_law(  # noqa: PLR0913 - options by name, of a public call
@@ -217,12 +221,12 @@ def certify_law(  # noqa: PLR0913 - options by name, of a public call
     # A law in a file without a wall acts everywhere, on both sides; k and b that are typed act in a wall.
     one_sided = (law is None and stated.law is None) or bool(wall.stiffness_n_per_m or wall.damping_ns_per_m)
     stated = with_law(stated, law, {"k": k, "b": b, "b_p": b_p, "cutoff_hz": cutoff_hz})
-    own = stated.law
-    assert own is not None  # noqa: S101 - with_law gives one
-    if own.is_spring_damper:
-        plain_law = _spring_damper(own, one_sided=one_sided)
+    own_law = stated.law
+    assert own_law is not None  # noqa: S101 - with_law gives one
+    if own_law.is_spring_damper:
+        plain_law = _spring_damper(own_law, one_sided=one_sided)
         return _certify_spring_damper(plain_law, stated, remedies=remedies, lean=lean_on_friction)
-    return _certify_pieces(own, stated, _How(limits=limits, lean=lean_on_friction), one_sided=one_sided)
+    return _certify_pieces(own_law, stated, _How(limits=limits, lean=lean_on_friction), one_sided=one_sided)
 
 
 @dataclass(frozen=True)
@@ -240,56 +244,77 @@ def _spring_damper(law: ControlLaw, *, one_sided: bool) -> SpringDamper:
     return SpringDamper(law.stiffness_n_per_m, b, b_p, getattr(law.velocity, "cutoff_hz", None))
 
 
-def _certify_pieces(own: ControlLaw | StatedSystem, problem: Problem, how: _How, *, one_sided: bool) -> LawCertificate:
+@dataclass(frozen=True)
+class _NumberLimits:
+    """Intervals of stability of a law: of each of its numbers by key, and of a common factor of all that it gives."""
+
+    of_numbers: dict[str, Interval | None]
+    of_factor: Interval | None
+
+    def largest(self, key: str) -> float | None:
+        """Return the largest stable value of a number; None where the law has none, or no value is stable."""
+        interval = self.of_numbers.get(key)
+        return None if interval is None else interval[1]
+
+
+def _number_limits(
+    law: ControlLaw | StatedSystem,
+    analysis: LawAnalysis,
+    laws: Sequence[Law],
+    acting_with: Callable[[ControlLaw | StatedSystem], ActingLaws],
+) -> _NumberLimits:
+    """Return the stable intervals of a law, of which some laws act; others act with another value of a number."""
+    limits = LawLimits(analysis.family, laws)
+    period_s = analysis.device.sample_time_s
+    of_numbers = {
+        number.key: limits.interval(number, NumberLaws(law, number, lambda table: acting_with(table).all))
+        for number in law.numbers(period_s)
+        if isinstance(law, ControlLaw)
+    }
+    return _NumberLimits(of_numbers, limits.interval(_COMMON_GAIN, lambda gains: [part.times(gains) for part in laws]))
+
+
+def _certify_pieces(law: ControlLaw | StatedSystem, problem: Problem, how: _How, *, one_sided: bool) -> LawCertificate:
     """Judge any law in contact and outside: the interval of each of its numbers by the worst case of the ranges."""
     _require_known_delay(problem)
-    slower = own.rate_divider if isinstance(own, ControlLaw) else 1
+    slower = law.rate_divider if isinstance(law, ControlLaw) else 1
     at_rate = at_own_rate(problem)
-    if isinstance(own, ControlLaw) and at_rate.law is not None:
-        own = at_rate.law
+    if isinstance(law, ControlLaw) and at_rate.law is not None:
+        law = at_rate.law
     analysis = LawAnalysis(at_rate)
-    device, period = at_rate.device, at_rate.device.sample_time_s
-    outside = one_sided and isinstance(own, ControlLaw) and own.acts_outside
-    acting = acting_laws(own, period, outside=outside)
-    limits = LawLimits(analysis.family, acting.all)
-    intervals: dict[str, Interval | None] = {}
-    common: Interval | None = None
-    if how.limits:
-        intervals = {
-            number.key: limits.interval(
-                number, NumberLaws(own, number, lambda table: acting_laws(table, period, outside=outside).all)
-            )
-            for number in own.numbers(period)
-            if isinstance(own, ControlLaw)
-        }
-        common = limits.interval(_COMMON_GAIN, lambda gains: [law.times(gains) for law in acting.all])
+    device = at_rate.device
+    outside = one_sided and isinstance(law, ControlLaw) and law.acts_outside
+    acting_with = partial(acting_laws, period_s=device.sample_time_s, outside=outside)
+    acting = acting_with(law)
+    limits = _number_limits(law, analysis, acting.all, acting_with) if how.limits else _NumberLimits({}, None)
     cases = [
-        _worst_of([analysis.case(StatedSystem(law), side) for law in acting.in_contact], slower)
+        _worst_of([analysis.case(StatedSystem(part), side) for part in acting.in_contact], slower)
         for side in analysis.sides
     ]
-    free = [analysis.case(StatedSystem(law), side) for side in analysis.sides for law in acting.outside]
+    free = [analysis.case(StatedSystem(part), side) for side in analysis.sides for part in acting.outside]
     linear = acting.in_contact[0].linear
     static = static_gain(linear)
     stable = all(case.stable for case in (*cases, *free))
+    least_factor, largest_factor = limits.of_factor or (0.0, 0.0)
     return LawCertificate(
         problem=problem,
-        law=own,
+        law=law,
         held=cases[0],
         released=cases[1] if len(cases) > 1 else None,
         free=_worst_of(free, slower) if free else None,
-        largest_stiffness_n_per_m=(intervals.get("stiffness_n_per_m") or (0.0, 0.0))[1],
-        damping_range_ns_per_m=intervals.get("damping_ns_per_m"),
-        largest_local_damping_ns_per_m=(intervals.get("local_damping_ns_per_m") or (0.0, None))[1],
+        largest_stiffness_n_per_m=limits.largest("stiffness_n_per_m") or 0.0,
+        damping_range_ns_per_m=limits.of_numbers.get("damping_ns_per_m"),
+        largest_local_damping_ns_per_m=limits.largest("local_damping_ns_per_m"),
         static_stiffness_n_per_m=static if math.isinf(static) else stiffness_at_handle(device, static),
         rendered_n_per_m=rendered_n_per_m(linear),
         encoder_step_n=abs(float(linear.d[0, 0])) * device.encoder_resolution_m,
-        noise_n=noise_n(own, device),
+        noise_n=noise_n(law, device),
         quiet_n=analysis.quiet_n,
         remedies=None,
-        intervals=intervals if how.limits else None,
-        largest_common_gain=(common or (0.0, 0.0))[1] if how.limits else None,
-        smallest_common_gain=common[0] if common and common[0] > _COMMON_GAIN.lowest else 0.0,
-        friction=_credited(analysis, acting.all, own) if how.lean and not stable else None,
+        intervals=limits.of_numbers if how.limits else None,
+        largest_common_gain=largest_factor if how.limits else None,
+        smallest_common_gain=least_factor if least_factor > _COMMON_GAIN.lowest else 0.0,
+        friction=_credited(analysis, acting.all, law) if how.lean and not stable else None,
     )
 
 
@@ -299,13 +324,13 @@ def _worst_of(cases: Sequence[CaseResult], slower: int) -> CaseResult:
     return replace(worst, margins=replace(worst.margins, delay_samples=slower * worst.margins.delay_samples))
 
 
-def _credited(analysis: LawAnalysis, laws: Sequence[Law], own: AnyLaw) -> FrictionCredit:
+def _credited(analysis: LawAnalysis, laws: Sequence[Law], law: AnyLaw) -> FrictionCredit:
     """Return up to which swing friction brings laws to rest that grow without it."""
-    compensation = own.friction_compensation if isinstance(own, ControlLaw) else None
+    compensation = law.friction_compensation if isinstance(law, ControlLaw) else None
     full_speed = None if compensation is None else compensation.velocity_m_per_s
     at_points = [
-        (law, [*corner_points(side, law.sectors), worst(law, side, radius).point])
-        for law in laws
+        (part, [*corner_points(side, part.sectors), worst(part, side, radius).point])
+        for part in laws
         for side in analysis.sides
     ]
     return credited(at_points, analysis.device, full_speed)

@@ -141,17 +141,17 @@ class ActingLaws:
         return (*self.in_contact, *self.outside)
 
 
-def acting_laws(own: ControlLaw | StatedSystem, period_s: float, *, outside: bool) -> ActingLaws:
+def acting_laws(law: ControlLaw | StatedSystem, period_s: float, *, outside: bool) -> ActingLaws:
     """Return the laws that act, those outside the wall too on request.
 
     A time between steps is a window of up to twice its timeout, as long as the motion is slow: the difference of fast
     motion and the longest window are judged.
     """
-    if isinstance(own, StatedSystem):
-        return ActingLaws((own.stated,))
-    tables = [own]
-    if isinstance(own.velocity, TicksVelocity):
-        tables.append(own.model_copy(update={"velocity": DifferenceVelocity()}))
+    if isinstance(law, StatedSystem):
+        return ActingLaws((law.stated,))
+    tables = [law]
+    if isinstance(law.velocity, TicksVelocity):
+        tables.append(law.model_copy(update={"velocity": DifferenceVelocity()}))
     return ActingLaws(
         in_contact=tuple(table.with_sectors(period_s) for table in tables),
         outside=tuple(table.with_sectors(period_s, contact=False) for table in tables if outside),

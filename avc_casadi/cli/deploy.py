@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, closing
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -309,8 +309,9 @@ def run_monitor(args: argparse.Namespace, console: Console) -> Answer:
     The force returns with the next heartbeat or after `avc device --clear`, once out of contact.
     """
     units = units_for(args.motion)
-    data = _nothing_watched(args.port, args.out)
-    code, shown_s = 0, -1.0
+    watched = _Watched(args.port, args.out)
+    interrupted = False
+    shown_s = -1.0
     log: avc_hardware.TelemetryLog | None = None
 
     def begun(device: avc_hardware.Device) -> None:
@@ -320,10 +321,10 @@ def run_monitor(args: argparse.Namespace, console: Console) -> Answer:
         console.say(text_of(_headline(device), units))
 
     def ended(status: avc_hardware.DeviceStatus) -> None:
-        data["ended"] = {"mode": status.mode, "force_n": status.force_n, "faults": status.faults}
+        watched.ended = status
 
     with ExitStack() as stack:
-        watched = avc_hardware.monitor(
+        samples = avc_hardware.monitor(
             args.port,
             rate_hz=args.rate_hz,
             seconds=args.seconds or (_MONITOR_JSON_S if console.as_json else None),
@@ -332,40 +333,68 @@ def run_monitor(args: argparse.Namespace, console: Console) -> Answer:
             on_device=begun,
             on_end=ended,
         )
-        stack.enter_context(closing(watched))
+        stack.enter_context(closing(samples))
         try:
-            for sample in watched:
+            for sample in samples:
                 words = avc_hardware.DeviceFault(sample.faults).word
                 with DeferredInterrupt():  # all or none
-                    data["records"] += 1
-                    data["lost"] += sample.lost
+                    watched.add(sample, words, keep=console.as_json)
                     if log is not None:
                         log.write(sample)
-                    if console.as_json:
-                        fault_words = words.split(", ") if words else []
-                        data["samples"].append(plain(vars(sample) | {"fault_words": fault_words}))
                 if not 0 <= sample.time_s - shown_s < _MONITOR_SHOWN_EVERY_S - 1e-6:
                     shown_s = sample.time_s
                     console.say(text_of(_state(sample, words), units))
         except KeyboardInterrupt:
-            if not data["records"]:
+            if not watched.records:
                 raise
             take_interrupt()
-            code, data = EXIT_CODE, avc.fault_document(avc.InputError.of("interrupted")) | data
-    return Answer("monitor", data, rows=tuple(_monitor_rows(data, args.heartbeat_s)), units=units, code=code)
+            interrupted = True
+    faults = avc.fault_document(avc.InputError.of("interrupted")) if interrupted else {}
+    shown = tuple(_monitor_rows(watched, args.heartbeat_s))
+    code = EXIT_CODE if interrupted else 0
+    return Answer("monitor", faults | watched.document(), rows=shown, units=units, code=code)
 
 
-def _nothing_watched(port: str, out: Path | None) -> dict[str, Any]:
-    """Return the JSON values of a monitor before its first record."""
-    return {
-        "port": port,
-        "note": avc_hardware.EMULATOR_IS_FRESH if port == avc_hardware.EMULATOR else None,
-        "samples": [],
-        "records": 0,
-        "lost": 0,
-        "ended": None,
-        "out": out and str(out),
-    }
+@dataclass
+class _Watched:
+    """What a monitor has seen so far.
+
+    Attributes:
+        port: of the device.
+        out: file of the log; None without one.
+        samples: JSON values of the records, where they are kept.
+        records: number of records.
+        lost: number of records that did not arrive.
+        ended: state of the device when the monitor ended; None where it did not answer.
+    """
+
+    port: str
+    out: Path | None
+    samples: list[dict[str, Any]] = field(default_factory=list)
+    records: int = 0
+    lost: int = 0
+    ended: avc_hardware.DeviceStatus | None = None
+
+    def add(self, sample: avc_hardware.TelemetrySample, fault_words: str, *, keep: bool) -> None:
+        """Count a record, and keep it on request."""
+        self.records += 1
+        self.lost += sample.lost
+        if keep:
+            words = fault_words.split(", ") if fault_words else []
+            self.samples.append(plain(vars(sample) | {"fault_words": words}))
+
+    def document(self) -> dict[str, Any]:
+        """Return the JSON values."""
+        end = self.ended
+        return {
+            "port": self.port,
+            "note": avc_hardware.EMULATOR_IS_FRESH if self.port == avc_hardware.EMULATOR else None,
+            "samples": self.samples,
+            "records": self.records,
+            "lost": self.lost,
+            "ended": None if end is None else {"mode": end.mode, "force_n": end.force_n, "faults": end.faults},
+            "out": self.out and str(self.out),
+        }
 
 
 def _headline(device: avc_hardware.Device) -> tuple[Part, ...]:
@@ -376,18 +405,19 @@ def _headline(device: avc_hardware.Device) -> tuple[Part, ...]:
     return (f"device {number}with firmware {device.build}: a tick every", tick, ", at most", largest, running)
 
 
-def _monitor_rows(data: dict[str, Any], heartbeat_s: float | None) -> Iterator[Row]:
+def _monitor_rows(watched: _Watched, heartbeat_s: float | None) -> Iterator[Row]:
     """Yield the rows of what was watched: records that are lost, the log, and how the heartbeat ended."""
-    lost, records, end = data["lost"], data["records"], data["ended"]
-    if lost:
-        text = f"{lost} of {records + lost} records: the line is too slow or loses data; "
+    records = watched.records
+    end = watched.ended
+    if watched.lost:
+        text = f"{watched.lost} of {records + watched.lost} records: the line is too slow or loses data; "
         text += "lower --rate-hz, or build the firmware for a higher --baud"
         yield row("Lost", text, mark=Mark.CAUTION)
-    if data["out"]:
-        yield row("Written", f"{data['out']}, {records} records")
+    if watched.out:
+        yield row("Written", f"{watched.out}, {records} records")
     if heartbeat_s and end is not None:
-        until = f"; mode {end['mode']} until the next heartbeat out of contact"
-        yield row("Heartbeat", "stopped at a force of", Value(end["force_n"], "force"), until)
+        until = f"; mode {end.mode} until the next heartbeat out of contact"
+        yield row("Heartbeat", "stopped at a force of", Value(end.force_n, "force"), until)
     elif heartbeat_s:
         yield row("Heartbeat", "stopped; the device did not answer, and reduces its force to 0 by itself")
 

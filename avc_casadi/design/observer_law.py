@@ -234,7 +234,9 @@ class Structure:
 
     def law(self, gain: FloatArray, problem: Problem) -> StateFeedback:
         """Return the law that runs; a damper of the wall acts on its position and is taken out of it before."""
-        state, force, feedback = self.state, self.force, self.feedback
+        state = self.state
+        force = self.force
+        feedback = self.feedback
         innovation = gain
         per_sample = problem.environment.damping_ns_per_m / problem.device.sample_time_s
         if per_sample > 0:
@@ -301,8 +303,8 @@ class _Model:
         noise = np.full(len(self.push), _REGULARISATION)
         noise[-1] += walk**2
         spread = np.diag(noise) + (self.kicks.T * np.square(forces)) @ self.kicks
-        found = _riccati(self.state.T, self._seen, spread)[:, self.measured]
-        return np.asarray(found / (1 + found[self.measured]))
+        covariance = _riccati(self.state.T, self._seen, spread)[:, self.measured]
+        return np.asarray(covariance / (1 + covariance[self.measured]))
 
 
 def _riccati(a: FloatArray, b: FloatArray, weight: FloatArray) -> FloatArray:

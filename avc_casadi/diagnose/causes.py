@@ -129,7 +129,9 @@ class Diagnosis:
 
     def data(self) -> dict[str, Any]:
         """Return its JSON values."""
-        log, swing, law = self.log, self.swing, self.law
+        log = self.log
+        swing = self.swing
+        law = self.law
         units = self.design.device.units
         document = {
             "log": log.name,
@@ -267,7 +269,10 @@ def _design(
 
 def _at_once(diagnosis: Diagnosis) -> Diagnosis | FittedLaw:
     """Return the verdict that needs no loop model, or the law of one that does."""
-    log, swing, law, design = diagnosis.log, diagnosis.swing, diagnosis.law, diagnosis.design
+    log = diagnosis.log
+    swing = diagnosis.swing
+    law = diagnosis.law
+    design = diagnosis.design
     mass = apparent_mass_kg(log, design.device, known=design.known)
     toggles = bool(swing.sustained and _toggles(log, swing, design.device))
     if swing.sustained and swing.contact_share == 0:
@@ -302,7 +307,9 @@ def _of_explained(diagnosis: Diagnosis, law: FittedLaw, mass: float, *, toggles:
 
 def _of_rest(diagnosis: Diagnosis, law: FittedLaw, mass: float, *, toggles: bool) -> Diagnosis:
     """Return the verdict of a force that is explained, and under which nothing swings on."""
-    log, swing, design = diagnosis.log, diagnosis.swing, diagnosis.design
+    log = diagnosis.log
+    swing = diagnosis.swing
+    design = diagnosis.design
     if law.misfit > _MOST_OF_STEPS:
         text = _with_rest(diagnosis, f"encoder steps leave {100 * law.misfit:.0f} % of the force unexplained")
         return _concluded(diagnosis, "cannot tell", text, "the same with the position that the law reads")
@@ -422,11 +429,11 @@ class _Answer:
 
 def _judge(diagnosis: Diagnosis, law: FittedLaw, fits: Sequence[PlantFit]) -> Diagnosis:
     """Return the verdict by the hypotheses that the log bears out, each weighed and then simulated."""
-    log, swing, design = diagnosis.log, diagnosis.swing, diagnosis.design
+    log, design = diagnosis.log, diagnosis.design
     # Beside a noise that the log shows, a swing of few steps is one of little more than what the readings scatter by.
     scatter_m = fits[0].scatter_m
-    noise_steps = swing.peak_to_peak_m / (math.sqrt(12) * scatter_m) if scatter_m else math.inf
-    swing = replace(swing, steps=min(swing.steps, noise_steps))
+    noise_steps = diagnosis.swing.peak_to_peak_m / (math.sqrt(12) * scatter_m) if scatter_m else math.inf
+    swing = replace(diagnosis.swing, steps=min(diagnosis.swing.steps, noise_steps))
     scene = LoggedScene.of(log, swing, law, design, scatter_m)
     answers = _answers(fits, law, log, swing, design)
     shares = _shares(answers)

@@ -81,7 +81,7 @@ def find_filtered_sign(force: FloatArray, position: FloatArray, rows: IndexArray
     constants = np.geomspace(shortest, longest, _FILTERS).tolist()
     keeps = [0.0, *(math.exp(-1 / ticks) for ticks in constants)]
     options = itertools.product(range(most_lag + 1), keeps, _WIDTHS, (True, False))
-    trials = [FilteredSign(lag, keep, width * speed, both) for lag, keep, width, both in options]
+    trials = [FilteredSign(lag, keep, width * speed, damper_filtered) for lag, keep, width, damper_filtered in options]
     trials.sort(key=residual)
     step = (longest / shortest) ** (1 / (_FILTERS - 1))
     return min((_refined(trial, residual, step) for trial in trials[:_BEST]), key=residual)

@@ -369,7 +369,9 @@ def _law(log: Log, reading: _Reading, sign: FloatArray | None = None, *, filtere
 
 def _by_means(force: FloatArray, reading: _Reading, fit: _Regression) -> _Regression:
     """Return the fit to means over many rows, where a coarse position tells more of the damper by them."""
-    rows, position, change = reading.rows, reading.position_m, reading.change_m
+    rows = reading.rows
+    position = reading.position_m
+    change = reading.change_m
 
     def means(values: FloatArray, ends: IndexArray, count: int) -> FloatArray:
         sums = np.cumsum(values)

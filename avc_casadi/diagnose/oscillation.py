@@ -403,7 +403,9 @@ def _coming_to_rest(log: Log) -> Oscillation | None:
 
 def _rest_from(log: Log) -> int | None:
     """Return the tick from which on the position stays to the end, and the force does not shake it; None without."""
-    position, force, n = log.position_m, log.force_n, log.position_m.size
+    position = log.position_m
+    force = log.force_n
+    n = log.position_m.size
     late = position[-max(round(_REST_SHARE * n), 5) :]
     travel, spread = float(np.ptp(position)), float(np.ptp(late))
     if not travel or spread > max(_STILL_STEPS * log.encoder_m, _REST_RANGE * travel):

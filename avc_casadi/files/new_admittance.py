@@ -29,8 +29,8 @@ class NewAdmittance(Draft):
         """Return the options for such a device and such hands; the damping of a contact where there is one."""
         first = () if self.units.linear else (RADIUS,)
         dampers = () if CONTACT.key in self.typed or CONTACT_DAMPING.key in self.typed else (CONTACT_DAMPING,)
-        own = tuple(option for option in VELOCITY_OPTIONS if option not in dampers)
-        return (*first, *own, *(HANDS if self.held in OWN_RANGES else ()))
+        of_drive = tuple(option for option in VELOCITY_OPTIONS if option not in dampers)
+        return (*first, *of_drive, *(HANDS if self.held in OWN_RANGES else ()))
 
     def required(self) -> tuple[Option, ...]:
         """Return the options without which there is no file."""

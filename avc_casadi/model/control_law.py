@@ -397,8 +397,8 @@ class ControlLaw(t.Table):
         if self.virtual_mass_kg:
             forces.append(p.VirtualMass(self.virtual_mass_kg, velocity))
         if self.friction_compensation is not None:
-            own = self.friction_compensation
-            forces.append(p.FrictionCompensation(own.force_n, own.velocity_m_per_s, velocity))
+            switched = self.friction_compensation
+            forces.append(p.FrictionCompensation(switched.force_n, switched.velocity_m_per_s, velocity))
         return tuple(forces)
 
     @property
@@ -441,7 +441,10 @@ class ControlLaw(t.Table):
             force_n = self.friction_compensation.force_n
             gains.append(LawNumber(("friction_compensation", "force_n"), force_n, linear=True))
         inner: list[LawNumber] = []
-        tables = [(("velocity",), self.velocity), *((("filters", at), item) for at, item in enumerate(self.filters))]
+        tables = [
+            (("velocity",), self.velocity),
+            *((("filters", index), item) for index, item in enumerate(self.filters)),
+        ]
         for path, table in tables:
             inner += [
                 LawNumber((*path, key), value, *_bounds(key, value, table, sample_time_s))
@@ -475,5 +478,5 @@ def _replaced(value: Any, path: NumberPath, new: float) -> Any:
         return new
     first, *rest = path
     if isinstance(value, tuple):
-        return tuple(_replaced(item, tuple(rest), new) if at == first else item for at, item in enumerate(value))
+        return tuple(_replaced(item, tuple(rest), new) if index == first else item for index, item in enumerate(value))
     return value.model_copy(update={str(first): _replaced(getattr(value, str(first)), tuple(rest), new)})

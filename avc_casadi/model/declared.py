@@ -131,5 +131,5 @@ def _own_values(problem: Problem, effect: e.Effect) -> list[str]:
             return getattr(device.resonance, key, None)
         return getattr(device, sources[key]) if sources.get(key) else None
 
-    own = [key for key in stated if getattr(effect, key) not in (None, declared_value(key))]
-    return [problem.units.key(key) for key in own]
+    differing = [key for key in stated if getattr(effect, key) not in (None, declared_value(key))]
+    return [problem.units.key(key) for key in differing]

@@ -104,7 +104,7 @@ class IntervalOf:
         ends = value if isinstance(value, list | tuple) else (value, value)
         if len(ends) != 2:
             raise t.refusal(f"is {t.shown(value)}; allowed: a number, or a range [lowest, highest]")
-        low, high = (self.one.highest if self.unbounded and one == math.inf else self.one(one) for one in ends)
+        low, high = (self.one.highest if self.unbounded and end == math.inf else self.one(end) for end in ends)
         return q.ordered((low, high))
 
 
@@ -247,13 +247,13 @@ def tool_states(tool: Simulation, contact_stiffness_n_per_m: float) -> list[Tool
     dampers: list[float | None] = [None]
     if tool.contact_damping_ns_per_m is not None:
         dampers = [*sorted(set(tool.contact_damping_ns_per_m))]
-    every = (
+    corners = (
         tool_at(tool, mass, damping, contact_stiffness_n_per_m, damper)
         for mass in sorted(set(tool.tool_mass_kg))
         for damping in sorted(set(tool.tool_damping_ns_per_m))
         for damper in dampers
     )
-    return list(dict.fromkeys(every))
+    return list(dict.fromkeys(corners))
 
 
 def tool_at(
@@ -271,7 +271,7 @@ def tool_at(
         damper = 0.0
     elif damper is None:
         damper = 2 * math.sqrt(stiffness * mass_kg)
-    return ToolState(*(tool.scale * one for one in (mass_kg, damping_ns_per_m, stiffness, damper)))
+    return ToolState(*(tool.scale * value for value in (mass_kg, damping_ns_per_m, stiffness, damper)))
 
 
 _Row = tuple[Any, Any, Any]
@@ -361,8 +361,8 @@ class Follower(Device, End):
     @property
     def delays_s(self) -> list[tuple[float, float]]:
         """Pairs of delays, to the follower and back: the shortest and the longest both ways."""
-        there, back = self.ways_s
-        return sorted({(there[0], back[0]), (there[1], back[1])})
+        forth, back = self.ways_s
+        return sorted({(forth[0], back[0]), (forth[1], back[1])})
 
     def document(self) -> dict[str, Any]:
         """Return its values."""

@@ -67,10 +67,10 @@ class Plant:
         """Return the present mass of a body."""
         return self._masses[body]
 
-    def join(self, one: str, other: str, stiffness_n_per_m: ArrayLike, damping_ns_per_m: ArrayLike) -> None:
+    def join(self, body: str, neighbour: str, stiffness_n_per_m: ArrayLike, damping_ns_per_m: ArrayLike) -> None:
         """Put a spring and a damper side by side between two bodies, or a body and the target or the ground."""
         k, b = (np.asarray(value, dtype=np.float64) for value in (stiffness_n_per_m, damping_ns_per_m))
-        self._links.append((one, other, k, b))
+        self._links.append((body, neighbour, k, b))
 
     def split(self, frequency_hz: float | FloatArray, damping_ratio: float | FloatArray, mass_ratio: float) -> None:
         """Move a share of the device's mass to a handle on a spring, which the hand then holds."""
@@ -94,20 +94,20 @@ class Plant:
         n = len(names)
         matrix, target = np.zeros((*shape, n, n)), np.zeros((*shape, n, 2))
         force, friction = np.zeros((*shape, n)), np.zeros((*shape, n))
-        at = {body: 2 * index for index, body in enumerate(bodies)}
+        first_row = {body: 2 * index for index, body in enumerate(bodies)}
         for body in bodies:
-            matrix[..., at[body], at[body] + 1] = 1.0
-        for one, other, k, b in self._links:
-            for body, far in ((one, other), (other, one)):
-                if body not in at:
+            matrix[..., first_row[body], first_row[body] + 1] = 1.0
+        for first, second, k, b in self._links:
+            for body, far in ((first, second), (second, first)):
+                if body not in first_row:
                     continue
                 k_per_kg, b_per_kg = k / self._masses[body], b / self._masses[body]
-                row = at[body] + 1
-                matrix[..., row, at[body]] -= k_per_kg
+                row = first_row[body] + 1
+                matrix[..., row, first_row[body]] -= k_per_kg
                 matrix[..., row, row] -= b_per_kg
-                if far in at:
-                    matrix[..., row, at[far]] += k_per_kg
-                    matrix[..., row, at[far] + 1] += b_per_kg
+                if far in first_row:
+                    matrix[..., row, first_row[far]] += k_per_kg
+                    matrix[..., row, first_row[far] + 1] += b_per_kg
                 elif far == TARGET:
                     target[..., row, 0] += k_per_kg
                     target[..., row, 1] += b_per_kg

@@ -27,9 +27,9 @@ DAMPING_RATIO = 0.7
 """Damping ratio of a joint that hardly overshoots, by 5 %."""
 DISK_MARGIN = 0.3
 """Disk margin of a recommended joint: a factor of 1.35 on all forces, or a phase of 17 degrees."""
-# Values of kp that are tried, in steps of a factor: natural frequencies from a share of a radian in a step up to half
-# the step rate.
-_SLOWEST_RAD, _FASTEST_RAD = 1e-3, math.pi
+# Natural frequencies of the values of kp that are tried, in radians a step: up to half the step rate.
+_SLOWEST_RAD = 1e-3
+_FASTEST_RAD = math.pi
 _TRIED = 40
 # Values of kd that are tried, of that of a continuous joint; and of the kd before, where kp is near its limit.
 _DAMPERS = (0.05, 20.0, 60)
@@ -173,11 +173,11 @@ class _JointSearch:
         """Return the sound gains of the largest kp, the kd of each near that of the one before."""
         for _ in range(_BISECTIONS):
             middle = math.sqrt(sound.kp * unsound_kp)
-            found = self._sound(middle, sound.kd * np.geomspace(*_NEAR_DAMPERS))
-            if found is None:
+            stiffer = self._sound(middle, sound.kd * np.geomspace(*_NEAR_DAMPERS))
+            if stiffer is None:
                 unsound_kp = middle
             else:
-                sound = found
+                sound = stiffer
         return sound
 
     def _dampers(self, kp: float) -> FloatArray:

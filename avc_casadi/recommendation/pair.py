@@ -176,10 +176,11 @@ class PairDesign:
 
     def limits(self, gains: ToolGains | None) -> dict[str, Any]:  # noqa: ARG002 - of some kinds of end alone
         """Return the values of `PairLimits`, some of them of the gains, if there are any."""
-        at = self.stiffest.times(self.beyond_limit) if self.stiffest.stiffness_n_per_m else self.search.softest
+        stiffest = self.stiffest
+        beyond = stiffest.times(self.beyond_limit) if stiffest.stiffness_n_per_m else self.search.softest
         return {
             "stiffest": self.stiffest,
-            "worst": self.search.loops.radius(at)[1],
+            "worst": self.search.loops.radius(beyond)[1],
             "loops": self.search.loop_count,
             "wanted_n_per_m": self.wanted_n_per_m,
         }
@@ -218,14 +219,15 @@ class PairDesign:
         """Return the stiffest coupling with which all hands settle, without dry friction if one of two more does."""
         problem, search = self.problem, self.search
         people = people_of(problem.hands, self.request.hands, self.request.seed)
-        few, stiffness = people.pick(slice(0, FEW_HANDS)), plan.stiffness_n_per_m
+        first_people = people.pick(slice(0, FEW_HANDS))
+        stiffness = plan.stiffness_n_per_m
         leaning: Settled | None = None
         stiffer: Unsettled | None = None
         for number in range(plan.count):
             self._stages.begin(f"hands with K of {quantity(stiffness, problem.units.unit('N/m'))}")
             tries: list[Trial] = []
             for gains in search.damped(stiffness, local=self.local, gain_margin=GAIN_MARGIN):
-                trial = self.last_trial = self._try(gains, few, screen=True)
+                trial = self.last_trial = self._try(gains, first_people, screen=True)
                 if trial.all_settle_with_friction and search.has_counterexample(gains, GAIN_MARGIN):
                     continue
                 if trial.all_settle_with_friction:
@@ -280,8 +282,8 @@ class ToolDesign(PairDesign):
         self._stages.begin("the same K with another tool, step and exchange")
         # What is only linearly stable is no help where hands refute it.
         wanted = self.wanted_n_per_m if self.last_trial is None else None
-        same = wanted if gains is None else gains.stiffness_n_per_m
-        known = {} if same is None else same_stiffness(self.problem, same, local=self.local)
+        stiffness = wanted if gains is None else gains.stiffness_n_per_m
+        known = {} if stiffness is None else same_stiffness(self.problem, stiffness, local=self.local)
         return {**super().limits(gains), **known, "searched_to": search_ends(self.problem)}
 
     def analysis(self, best: Settled) -> dict[str, Any]:

@@ -85,7 +85,9 @@ def _unstable(search: EndSearch, end: End) -> Reason | None:
 
 def no_press_renders(problem: Problem) -> NothingRendered | None:
     """Return why no press of a hand of the ranges meets a rendered wall, whatever the coupling; None where one may."""
-    device, hands, wall_n_per_m = problem.device, problem.hands, problem.environment.stiffness_n_per_m
+    device = problem.device
+    hands = problem.hands
+    wall_n_per_m = problem.environment.stiffness_n_per_m
     weakest_n_per_m, strongest_n_per_m = hands.stiffness_n_per_m
     if wall_n_per_m == 0 or strongest_n_per_m == 0 or device.mass_kg == 0:
         return None

@@ -52,8 +52,7 @@ class WallDesign:
         if request.stiffest:
             # The search reports its walls itself.
             near = partial(Evaluator, request=replace(request, progress=SILENT), within=UNNOTICED)
-            found = stiffest_rendered(problem, self._limit, near, request.progress)
-            self.problem, self._evaluator, no_stiffer = found
+            self.problem, self._evaluator, no_stiffer = stiffest_rendered(problem, self._limit, near, request.progress)
         else:
             self.problem = problem
             self._evaluator = Evaluator(problem, request)
