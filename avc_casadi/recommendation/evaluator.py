@@ -52,7 +52,7 @@ _FEW = 0.03
 class Group:
     """Hands that press, tap, hold, strike and touch lightly on a device with an unmodelled effect."""
 
-    people: Hand | StylusHand
+    hands: Hand | StylusHand
     device: Device | None = None  # None is that of the problem
     effects: tuple[Effect, ...] = ()  # beside those that the device declares
     key: str = ""  # of [robustness]; or held, of [device]
@@ -61,15 +61,14 @@ class Group:
     def settles(self, coupling: Coupling, *, friction: bool) -> BoolArray:
         """Return which hands settle in every motion."""
         circumstances: Any = {"friction": friction, "device": self.device, "effects": self.effects}
-        return np.asarray(residual_speeds(coupling, self.people, MOST_MOTIONS, **circumstances) < 1)
+        return np.asarray(residual_speeds(coupling, self.hands, MOST_MOTIONS, **circumstances) < 1)
 
 
 def groups_beyond(problem: Problem, required: Robustness, seed: int, count: int = 60) -> tuple[Group, ...]:
     """Return hands on each device with an unmodelled effect, and with the grip of the device where [hands] is none."""
-    device, people = problem.device, people_of(problem.hands, count, seed)
+    device, hands = problem.device, people_of(problem.hands, count, seed)
     groups = [
-        Group(people, effect.device, effect.effects, effect.key, effect.value)
-        for effect in unmodelled(device, required)
+        Group(hands, effect.device, effect.effects, effect.key, effect.value) for effect in unmodelled(device, required)
     ]
     if device.held != "grip":
         drawn = draw_population(GRIPS[device.held], count, seed).at_handle(device.metres_per_unit)
@@ -87,7 +86,7 @@ class Evaluator:
         self.candidates: list[Candidate] = []
         self.considered = 0
         seed = request.seed
-        self._people = people_of(problem.hands, request.hands, seed)
+        self._hands = people_of(problem.hands, request.hands, seed)
         self._seed = seed
         self._progress = request.progress
         self._executor = request.executor
@@ -95,7 +94,7 @@ class Evaluator:
         self._lean = request.lean_on_friction
         self._required = Safety.BY_FRICTION if request.lean_on_friction else Safety.ALWAYS
         self._within = within
-        count = 2 * len(self._people)
+        count = 2 * len(self._hands)
         self._others = (
             draw_hands(problem.hands, count, seed, first=first, training=True) for first in itertools.count(0, count)
         )
@@ -112,9 +111,9 @@ class Evaluator:
         off = math.isfinite(self._within) and error_in_motion(coupling) > self._within
         if off or not deployable(coupling).passed:
             return None
-        candidate = Candidate(coupling, self._trial(coupling, self._people.pick(slice(FIRST))), self.considered)
-        if candidate.safety <= self._required and len(self._people) > FIRST:
-            candidate = replace(candidate, trial=self._trial(coupling, self._people))
+        candidate = Candidate(coupling, self._trial(coupling, self._hands.pick(slice(FIRST))), self.considered)
+        if candidate.safety <= self._required and len(self._hands) > FIRST:
+            candidate = replace(candidate, trial=self._trial(coupling, self._hands))
         if not self.flaw(candidate):
             candidate = replace(candidate, beyond=self._tried_beyond(coupling))
         self.candidates.append(candidate)
@@ -167,8 +166,8 @@ class Evaluator:
     def _confirmed(self, candidate: Candidate) -> Candidate:
         """Try a coupling with all hands, then with others on devices of the ranges: selection among many is biased."""
         coupling, trial = candidate.coupling, candidate.trial
-        if trial.hands < len(self._people):
-            trial = self._trial(coupling, self._people)
+        if trial.hands < len(self._hands):
+            trial = self._trial(coupling, self._hands)
         others = try_on_devices(coupling, next(self._others), self._devices, self._seed, self._executor)
         beyond = candidate.beyond or self._tried_beyond(coupling)
         confirmed = replace(candidate, trial=trial, others=others, beyond=beyond)
@@ -210,13 +209,13 @@ def unmodelled_trials(coupling: Coupling, seed: int = 0) -> tuple[UnmodelledTria
     given = {key: value for key, value in vars(problem.robustness).items() if value is not None}
     trials = []
     for group in groups_beyond(problem, Robustness(**(vars(USUAL) | given)), seed):
-        hands = len(group.people)
+        hand_count = len(group.hands)
         required = group.key in given or group.key == "held"
         without_friction = int(group.settles(coupling, friction=False).sum())
         at_rest = None
-        if without_friction < hands:
+        if without_friction < hand_count:
             at_rest = int(group.settles(coupling, friction=True).sum())
-        trials.append(UnmodelledTrial(group.key, group.value, required, hands, without_friction, at_rest))
+        trials.append(UnmodelledTrial(group.key, group.value, required, hand_count, without_friction, at_rest))
     return tuple(trials)
 
 
@@ -251,8 +250,8 @@ def try_perturbed_devices(coupling: Coupling, seed: int = 0) -> PerturbedDevices
     devices, radii = least_stable_devices(coupling)
     if not devices:
         return None
-    people = people_of(coupling.problem.hands, FIRST, seed)
-    each_on_all = people.pick(np.repeat(np.arange(len(people)), len(devices)))
+    hands = people_of(coupling.problem.hands, FIRST, seed)
+    each_on_all = hands.pick(np.repeat(np.arange(len(hands)), len(devices)))
     trial = try_on_devices(coupling, each_on_all, devices, seed)
     return PerturbedDevices(perturbed_keys(coupling.problem), trial, int((radii >= 1).sum()))
 

@@ -212,14 +212,14 @@ class PairDesign:
         stiffest = (self.search.stiffest_with_margin(self.stiffest, margin, local=local) for margin in margins)
         return 0.9 * (next(filter(None, stiffest), 0.0) or self.stiffest.stiffness_n_per_m / GAIN_MARGIN)
 
-    def _try(self, gains: ToolGains, people: Hand, *, screen: bool) -> Trial:
-        return try_end(self.problem.end, self.problem, gains, people, self.request.seed, screen=screen)
+    def _try(self, gains: ToolGains, hands: Hand, *, screen: bool) -> Trial:
+        return try_end(self.problem.end, self.problem, gains, hands, self.request.seed, screen=screen)
 
     def _stiffest_settled(self, plan: TrialPlan) -> Settled | None:
         """Return the stiffest coupling with which all hands settle, without dry friction if one of two more does."""
         problem, search = self.problem, self.search
-        people = people_of(problem.hands, self.request.hands, self.request.seed)
-        first_people = people.pick(slice(0, FEW_HANDS))
+        hands = people_of(problem.hands, self.request.hands, self.request.seed)
+        first_hands = hands.pick(slice(0, FEW_HANDS))
         stiffness = plan.stiffness_n_per_m
         leaning: Settled | None = None
         stiffer: Unsettled | None = None
@@ -227,11 +227,11 @@ class PairDesign:
             self._stages.begin(f"hands with K of {quantity(stiffness, problem.units.unit('N/m'))}")
             tries: list[Trial] = []
             for gains in search.damped(stiffness, local=self.local, gain_margin=GAIN_MARGIN):
-                trial = self.last_trial = self._try(gains, first_people, screen=True)
+                trial = self.last_trial = self._try(gains, first_hands, screen=True)
                 if trial.all_settle_with_friction and search.has_counterexample(gains, GAIN_MARGIN):
                     continue
                 if trial.all_settle_with_friction:
-                    trial = self.last_trial = self._try(gains, people, screen=False)
+                    trial = self.last_trial = self._try(gains, hands, screen=False)
                 if trial.all_settle:
                     return Settled(gains, trial, stiffer)
                 if leaning is None and trial.all_settle_with_friction:

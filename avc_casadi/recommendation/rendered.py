@@ -296,10 +296,10 @@ def ripple(coupling: Coupling, seed: int = 0) -> Ripple:
     radius, drawn_s = coupling.problem.device.metres_per_unit, 1.5
     speeds = [speed / radius for speed in SLOW_M_PER_S]
     prescribed_n = {speed: _ripple_n(coupling, speed) for speed in speeds}
-    people = people_of(coupling.problem.hands, 16, seed)
+    hands = people_of(coupling.problem.hands, 16, seed)
     drawn = Press(start_m=0.0, end_m=2 * speeds[0] * drawn_s, speed_m_per_s=speeds[0])
-    vibrations = [part.vibration for part in traces(Setup.of(coupling), people, drawn, drawn_s)]
-    return Ripple(prescribed_n, len(people), int((np.concatenate(vibrations) < QUIET).sum()))
+    vibrations = [part.vibration for part in traces(Setup.of(coupling), hands, drawn, drawn_s)]
+    return Ripple(prescribed_n, len(hands), int((np.concatenate(vibrations) < QUIET).sum()))
 
 
 def _ripple_n(coupling: Coupling, speed_per_s: float) -> float:

@@ -161,14 +161,14 @@ def of_paper(problem: Problem, gains: Gains | GainSchedule, *more_kinds: str) ->
     return Setup(problem, gains, (*effects, *adapted))
 
 
-def reference_traces(problem: Problem, people: Hand | StylusHand) -> Traces:
+def reference_traces(problem: Problem, hands: Hand | StylusHand) -> Traces:
     """Press a wall that is sampled so fast that it feels continuous; keep the samples of the device's own clock."""
     step_s = problem.device.sample_time_s / REFERENCE_RATE
     wall = problem.environment
     # The damping makes up for what is left of k_e T/2.
     damped = {"damping_ns_per_m": wall.damping_ns_per_m + wall.stiffness_n_per_m * step_s / 2}
     fast = problem.changed(device={"sample_time_s": step_s, "delay_samples": 0}, environment=damped)
-    (pressed,) = traces(of_paper(fast, NO_COUPLING), people, MOTIONS["press"])
+    (pressed,) = traces(of_paper(fast, NO_COUPLING), hands, MOTIONS["press"])
     return Traces(
         pressed.position_m[:, ::REFERENCE_RATE],
         pressed.velocity_m_per_s[:, ::REFERENCE_RATE],
@@ -348,20 +348,20 @@ def _tried(couplings: tuple[str, ...], seed: int, task: _Task) -> _Tried:
     designs = {name: _designed(task.wall, name) for name in couplings}
     outcomes: dict[Population, dict[str, _Outcome]] = {"A": {}, "B": {}}
     for population, of_set in outcomes.items():
-        people = draw_population(population, task.count, seed, first=task.first)
-        reference = reference_traces(problem, people) if population == "A" else None
+        hands = draw_population(population, task.count, seed, first=task.first)
+        reference = reference_traces(problem, hands) if population == "A" else None
         for name, made in designs.items():
             if made.in_force is not None and (population == "A" or COUPLINGS[name].meets_set_b):
-                of_set[name] = _outcome(of_paper(made.problem, made.in_force, "encoder", "delay"), people, reference)
+                of_set[name] = _outcome(of_paper(made.problem, made.in_force, "encoder", "delay"), hands, reference)
     return _Tried(outcomes, designs)
 
 
-def _outcome(setup: Setup, people: Hand | StylusHand, reference: Traces | None) -> _Outcome:
+def _outcome(setup: Setup, hands: Hand | StylusHand, reference: Traces | None) -> _Outcome:
     """Return whether each hand rests after each motion, with and without friction, and what it feels."""
-    (press,) = traces(setup, people, MOTIONS["press"])
+    (press,) = traces(setup, hands, MOTIONS["press"])
     pressed = press.judge()
-    rest = {name: pressed.stable if name == "press" else judge(setup, people, MOTIONS[name]).stable for name in AT_WALL}
-    frictionless = judge(setup.without(FRICTION), people, MOTIONS["press"])
+    rest = {name: pressed.stable if name == "press" else judge(setup, hands, MOTIONS[name]).stable for name in AT_WALL}
+    frictionless = judge(setup.without(FRICTION), hands, MOTIONS["press"])
     stiffness = np.where(pressed.stable, pressed.apparent_stiffness_n_per_m, np.nan)
     outcome = {**rest, "asymptotic": frictionless.stable, "stiffness_n_per_m": stiffness}
     return outcome if reference is None else outcome | {"distance": distance(press, reference)}

@@ -170,12 +170,12 @@ def try_law(
     if problem.device.mass_kg + problem.hands.mass_kg[0] == 0:
         why = "device.mass_kg and the mass of the lightest hand are 0; one of them must be above 0"
         raise UnsupportedError(why, key="device.mass_kg")
-    people = people_of(problem.hands, hands, seed)
+    drawn_hands = people_of(problem.hands, hands, seed)
     levels = _friction_levels_n(problem, friction=friction)
     cases: dict[str, LawCase] = {}
     for count, (name, friction_n) in enumerate(levels.items()):
         progress.advance(count, len(levels), name.replace("_", " "))
-        cases[name] = _try_at(_at_friction(problem, friction_n), people, seed)
+        cases[name] = _try_at(_at_friction(problem, friction_n), drawn_hands, seed)
     return LawTrial(
         problem=problem,
         hands=hands,
@@ -220,11 +220,11 @@ class _Motion:
     stiffness_n_per_m: FloatArray
 
 
-def _try_at(problem: Problem, people: Hand, seed: int) -> LawCase:
+def _try_at(problem: Problem, hands: Hand, seed: int) -> LawCase:
     """Return what hands find at the friction that a problem declares."""
     setup = law_setup(problem)
     motions, duration_s = course_of(problem)
-    tried = {name: _moved(traces(setup, people, motions[name], duration_s), problem.device) for name in LAW_MOTIONS}
+    tried = {name: _moved(traces(setup, hands, motions[name], duration_s), problem.device) for name in LAW_MOTIONS}
     rests = np.all([motion.rests for motion in tried.values()], axis=0)
     released, released_swings = _released(setup, duration_s)
     stiffness = tried["press"].stiffness_n_per_m
@@ -257,7 +257,7 @@ def _moved(blocks: Iterator[Traces], device: Device) -> _Motion:
     return _Motion(np.concatenate(rests), cycles, float(np.max(vibration)), np.concatenate(stiffness))
 
 
-def _hunting(setup: Setup, people: Hand) -> LimitCycle | None:
+def _hunting(setup: Setup, hands: Hand) -> LimitCycle | None:
     """Return a cycle of a long press with an integral, that of median frequency over hands; None where none goes on.
 
     How slow one is depends on where the steps of the encoder stand; how large it is hardly does.
@@ -268,7 +268,7 @@ def _hunting(setup: Setup, people: Hand) -> LimitCycle | None:
     press = at_handle(Press(), device)
     rest_m = max(_HUNTING_M / device.metres_per_unit, _HUNTING_STEPS * device.encoder_resolution_m)
     cycles = []
-    for block in traces(setup, people, press, LONG_PRESS_S):
+    for block in traces(setup, hands, press, LONG_PRESS_S):
         turns = _Cycles.of(block, _HUNTING_WINDOW_S, rest_m)
         cycles += [turns.cycle(int(row)) for row in np.flatnonzero(turns.sustained)]
     return sorted(cycles, key=lambda cycle: cycle.frequency_hz)[len(cycles) // 2] if cycles else None

@@ -52,12 +52,12 @@ _ARRIVAL_ROUNDING_S = 1e-12
 
 
 def try_tool(
-    problem: Problem, gains: ToolGains, people: Hand, seed: int = 0, motions: Sequence[str] = WITH_TOOL
+    problem: Problem, gains: ToolGains, hands: Hand, seed: int = 0, motions: Sequence[str] = WITH_TOOL
 ) -> ToolTrial:
     """Simulate hands that move a tool: as declared, without dry friction and with missed steps, on every contact."""
     tool = problem.end_as(Simulation)
     courses = _tool_courses(problem, tool)
-    results = [_try_setup(setup, tool, gains, people, motions, courses) for setup in _tool_setups(problem)]
+    results = [_try_setup(setup, tool, gains, hands, motions, courses) for setup in _tool_setups(problem)]
     declared, with_missed_steps, *without_friction = results
     smooth = without_friction[0] if without_friction else declared
     return ToolTrial(
@@ -89,7 +89,7 @@ def _try_setup(
     setup: Setup,
     tool: Simulation,
     gains: ToolGains,
-    people: Hand,
+    hands: Hand,
     motions: Sequence[str],
     courses: tuple[Course, Course],
 ) -> _ToolResults:
@@ -97,13 +97,13 @@ def _try_setup(
     device = setup.problem.device
     contacts = [stiffness for stiffness in contact_stiffnesses_n_per_m(tool) if stiffness > 0] or [0.0]
     limit_n = device.max_force_n or np.inf
-    by_motion = dict.fromkeys(motions, np.ones(len(people), dtype=bool))
-    stiffness, tap = np.full(len(people), np.nan), np.zeros(len(people))
+    by_motion = dict.fromkeys(motions, np.ones(len(hands), dtype=bool))
+    stiffness, tap = np.full(len(hands), np.nan), np.zeros(len(hands))
     for name, contact in product(motions, contacts):
-        rest = np.zeros(len(people), dtype=bool)
+        rest = np.zeros(len(hands), dtype=bool)
         for course in courses:  # what is not at rest may decay slowly, or move for ever
             late = np.flatnonzero(~rest)
-            scene, _, inputs = prepare(setup, people, course.motions[name], course.duration_s)
+            scene, _, inputs = prepare(setup, hands, course.motions[name], course.duration_s)
             scene = scene.with_numbers("simulation", gains=gains, state=tool_states(tool, contact)[-1])
             run = _move_tool(tool, device, scene, scene.parameter_values(NO_COUPLING)[late], inputs)
             rest[late] = run.rests
@@ -161,20 +161,20 @@ def _move_tool(
     return _ToolRun(verdict, np.asarray(verdict.stable & slow), np.abs(traces["force_n"]).max(axis=-1))
 
 
-def try_bilateral(problem: Problem, gains: ToolGains, people: Hand, seed: int = 0) -> FollowerTrial:
+def try_bilateral(problem: Problem, gains: ToolGains, hands: Hand, seed: int = 0) -> FollowerTrial:
     """Simulate hands that move a follower, on a link with the declared delay, jitter and losses, which a seed draws."""
     follower = problem.end_as(Follower)
     stiffness, _ = environments(follower)
     contacts = sorted({float(stiffness[place]) for place in (len(stiffness) // 2, -1)})
-    shape = len(WITH_FOLLOWER), len(contacts), len(people)
+    shape = len(WITH_FOLLOWER), len(contacts), len(hands)
     settles = np.ones(shape, dtype=bool)
     for delays_s in follower.delays_s:
         link = _Link(problem, gains, contacts, delays_s, seed)
-        run = _Run(link, people)
+        run = _Run(link, hands)
         rests = run.settles.reshape(shape)
         late = np.flatnonzero(~rests.all(axis=(0, 1)))
         if late.size:
-            longer = _Run(link, people.pick(late), LONGER_S)
+            longer = _Run(link, hands.pick(late), LONGER_S)
             rests[..., late] |= longer.settles.reshape(*shape[:2], -1)
         settles &= rests
     press = run.stiffness_n_per_m.reshape(shape)[WITH_FOLLOWER.index("press"), -1]
@@ -195,7 +195,7 @@ def try_end(
     end: End,
     problem: Problem,  # noqa: ARG001
     gains: ToolGains,  # noqa: ARG001
-    people: Hand,  # noqa: ARG001
+    hands: Hand,  # noqa: ARG001
     seed: int,  # noqa: ARG001
     *,
     screen: bool,  # noqa: ARG001
@@ -213,12 +213,12 @@ def _try_simulation(
     end: Simulation,  # noqa: ARG001
     problem: Problem,
     gains: ToolGains,
-    people: Hand,
+    hands: Hand,
     seed: int,
     *,
     screen: bool,
 ) -> Trial:
-    return try_tool(problem, gains, people, seed, SCREENING_WITH_TOOL if screen else WITH_TOOL)
+    return try_tool(problem, gains, hands, seed, SCREENING_WITH_TOOL if screen else WITH_TOOL)
 
 
 @try_end.register
@@ -226,12 +226,12 @@ def _try_follower(
     end: Follower,  # noqa: ARG001
     problem: Problem,
     gains: ToolGains,
-    people: Hand,
+    hands: Hand,
     seed: int,
     *,
     screen: bool,  # noqa: ARG001 - a teleoperator is tried as quickly as screened
 ) -> Trial:
-    return try_bilateral(problem, gains, people, seed)
+    return try_bilateral(problem, gains, hands, seed)
 
 
 def _newest(

@@ -90,7 +90,7 @@ class Setup:
         return tuple(sorted((*(effect.kind for effect in self.effects), *law), key=list(EFFECTS).index))
 
     def stage(
-        self, people: Hand | StylusHand, motion: Motion, duration_s: float
+        self, hands: Hand | StylusHand, motion: Motion, duration_s: float
     ) -> tuple[Problem, tuple[SceneEffect, ...]]:
         """Return the problem with the scene, and the effects with all hands in place of the declared one."""
         law = () if self.law is None else (self.law,)
@@ -101,9 +101,9 @@ class Setup:
             how = {"integrator": "projected", "substeps": friction_substeps(self.problem.device)}
         scene = Scene(duration_s=duration_s, motion=motion, effects=(*self.effects, *law), **how)
         run = self.problem.changed(scene=scene)
-        effects = with_hand(run, build_effects(run), people)
+        effects = with_hand(run, build_effects(run), hands)
         if self.steps_anywhere:
-            phase = _phases(people, motion)
+            phase = _phases(hands, motion)
             effects = tuple(
                 replace(effect, phase=phase) if isinstance(effect, Encoder) else effect for effect in effects
             )
@@ -123,9 +123,9 @@ def friction_substeps(device: Device) -> int:
     return math.ceil(min(max(parts, FEWEST_SUBSTEPS), MOST_SUBSTEPS))
 
 
-def _phases(people: Hand | StylusHand, motion: Motion) -> FloatArray:
+def _phases(hands: Hand | StylusHand, motion: Motion) -> FloatArray:
     """Return the phase of the wall's face between two encoder steps by motion and hand, whoever else is there."""
-    values = np.array([np.atleast_1d(value) for value in vars(people).values()], dtype=np.float64)
+    values = np.array([np.atleast_1d(value) for value in vars(hands).values()], dtype=np.float64)
     # Multiples whose fractional parts scatter evenly (low discrepancy); equal hands, as none, by their number.
     primes = np.sqrt([2, 3, 5, 7, 11])[: len(values)]
     of_motion = zlib.crc32(motion.model_dump_json().encode()) / 2**32
@@ -150,12 +150,12 @@ def _compile(key: _SceneKey) -> tuple[CompiledScene, FloatArray]:
 
 
 def prepare(
-    setup: Setup, people: Hand | StylusHand, motion: Motion, duration_s: float
+    setup: Setup, hands: Hand | StylusHand, motion: Motion, duration_s: float
 ) -> tuple[CompiledScene, FloatArray, FloatArray]:
     """Return the scene, the parameters of each hand and the common inputs; constant gains of one structure share it."""
     gains, law = setup.gains, setup.law
     if not isinstance(gains, Gains):
-        run, effects = setup.stage(people, motion, duration_s)
+        run, effects = setup.stage(hands, motion, duration_s)
         effects, at_start, _ = resolve(run, effects, gains)
         scene = compile_scene(run, effects, at_start)
         return scene, scene.parameter_values(at_start), scene.input_values()
@@ -163,19 +163,19 @@ def prepare(
         None if law is None else (law.states, law.positions, law.measures),
         (not gains.rigid, gains.stiffness_n_per_m > 0, gains.contact_damping_ns_per_m > 0),
     )
-    hands = type(people), *(np.asarray(getattr(people, field.name)).tobytes() for field in fields(people))
-    key = (setup.problem, setup.effects, setup.steps_anywhere, structure, hands, motion, duration_s)
-    scene, inputs = _compile(_SceneKey(key, lambda: compile_scene(*setup.stage(people, motion, duration_s), gains)))
+    hand_values = type(hands), *(np.asarray(getattr(hands, field.name)).tobytes() for field in fields(hands))
+    key = (setup.problem, setup.effects, setup.steps_anywhere, structure, hand_values, motion, duration_s)
+    scene, inputs = _compile(_SceneKey(key, lambda: compile_scene(*setup.stage(hands, motion, duration_s), gains)))
     if law is not None:
         scene = scene.with_numbers("state-feedback", table=law)
     return scene, scene.parameter_values(gains), inputs
 
 
 def simulations(
-    setup: Setup, people: Hand | StylusHand, motion: Motion, duration_s: float = DURATION_S
+    setup: Setup, hands: Hand | StylusHand, motion: Motion, duration_s: float = DURATION_S
 ) -> Iterator[Callable[[], Traces]]:
     """Prepare to simulate all hands, in blocks; each block is simulated when it is called."""
-    scene, parameters, inputs = prepare(setup, people, motion, duration_s)
+    scene, parameters, inputs = prepare(setup, hands, motion, duration_s)
 
     def traces_of(block: FloatArray) -> Traces:
         return Traces.of(execute(scene, block, inputs), setup.problem.device)
@@ -185,11 +185,11 @@ def simulations(
         yield partial(traces_of, parameters[first : first + at_once])
 
 
-def traces(setup: Setup, people: Hand | StylusHand, motion: Motion, duration_s: float = DURATION_S) -> Iterator[Traces]:
+def traces(setup: Setup, hands: Hand | StylusHand, motion: Motion, duration_s: float = DURATION_S) -> Iterator[Traces]:
     """Simulate all hands, in blocks."""
-    return (simulation() for simulation in simulations(setup, people, motion, duration_s))
+    return (simulation() for simulation in simulations(setup, hands, motion, duration_s))
 
 
-def judge(setup: Setup, people: Hand | StylusHand, motion: Motion, duration_s: float = DURATION_S) -> Judgement:
+def judge(setup: Setup, hands: Hand | StylusHand, motion: Motion, duration_s: float = DURATION_S) -> Judgement:
     """Return the verdicts of all hands; every array has shape (hands,)."""
-    return Judgement.join([part.judge() for part in traces(setup, people, motion, duration_s)])
+    return Judgement.join([part.judge() for part in traces(setup, hands, motion, duration_s)])

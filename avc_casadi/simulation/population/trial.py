@@ -335,33 +335,31 @@ class FollowerTrial(Trial):
 
 def try_coupling(
     coupling: Coupling,
-    people: Hand | StylusHand,
+    hands: Hand | StylusHand,
     seed: int = 0,
     progress: Progress = SILENT,
     executor: Executor | None = None,
 ) -> CouplingTrial:
     """Simulate press, tap and hold by all hands, with all that the problem declares of the device."""
     setup = Setup.of(coupling)
-    blocks = (slice(first, first + _HANDS_OF_TASK) for first in range(0, len(people), _HANDS_OF_TASK))
-    tasks = [(setup, people.pick(block)) for block in blocks]
-    sizes = [len(hands) for _, hands in tasks]
+    blocks = (slice(first, first + _HANDS_OF_TASK) for first in range(0, len(hands), _HANDS_OF_TASK))
+    tasks = [(setup, hands.pick(block)) for block in blocks]
+    sizes = [len(of_block) for _, of_block in tasks]
     work = partial(_try_motions, seed)
     return CouplingTrial.join(map_tasks(work, tasks, executor, sizes=sizes, things="hands", progress=progress))
 
 
 def try_on_devices(
     coupling: Coupling,
-    people: Hand | StylusHand,
+    hands: Hand | StylusHand,
     devices: Sequence[Device],
     seed: int = 0,
     executor: Executor | None = None,
 ) -> CouplingTrial:
     """Simulate hands with a coupling, each on one of several devices, assigned in turn."""
-    split = [np.arange(place, len(people), len(devices)) for place in range(len(devices))]
+    split = [np.arange(place, len(hands), len(devices)) for place in range(len(devices))]
     jobs = [
-        (Setup.of(coupling, device), people.pick(rows))
-        for rows, device in zip(split, devices, strict=True)
-        if len(rows)
+        (Setup.of(coupling, device), hands.pick(rows)) for rows, device in zip(split, devices, strict=True) if len(rows)
     ]
     trials = map_tasks(partial(_try_motions, seed), jobs, executor)
     return replace(
@@ -374,7 +372,7 @@ def try_on_devices(
 
 def _try_motions(seed: int, task: tuple[Setup, Hand | StylusHand]) -> CouplingTrial:
     """Simulate every motion as declared, then without dry friction where some is declared."""
-    setup, people = task
+    setup, hands = task
     motions, duration_s = course_of(setup.problem)
     settings = [setup, setup.without(FRICTION)] if setup.rough else [setup]
     limit = setup.problem.device.max_force_n
@@ -384,7 +382,7 @@ def _try_motions(seed: int, task: tuple[Setup, Hand | StylusHand]) -> CouplingTr
             ((name, variant is setup), pool.submit(_figures, name if variant is setup else "", limit, simulation))
             for variant in settings
             for name in AT_WALL
-            for simulation in simulations(variant, people, motions[name], duration_s)
+            for simulation in simulations(variant, hands, motions[name], duration_s)
         ]
         for key, future in work:
             parts.setdefault(key, []).append(future.result())
@@ -494,15 +492,15 @@ def count_at_rest(  # noqa: PLR0913 - options by name, of a public call
 def _at_rest(setup: Setup, seed: int, task: tuple[int, int]) -> dict[str, BoolArray]:
     """Simulate a block of the draw, from a first index on."""
     first, count = task
-    people = draw_hands(setup.problem.hands, count, seed, first=first)
+    hands = draw_hands(setup.problem.hands, count, seed, first=first)
     motions, duration_s = course_of(setup.problem)
-    scenes = (prepare(setup, people, motions[name], duration_s) for name in AT_WALL)
+    scenes = (prepare(setup, hands, motions[name], duration_s) for name in AT_WALL)
     return {name: execute_to_speed(*scene) < 1 for name, scene in zip(AT_WALL, scenes, strict=True)}
 
 
 def residual_speeds(
     coupling: Coupling,
-    people: Hand | StylusHand,
+    hands: Hand | StylusHand,
     names: Sequence[str] = AT_WALL,
     *,
     friction: bool = True,
@@ -513,8 +511,8 @@ def residual_speeds(
     setup = Setup.of(coupling, device, effects)
     whole = setup if friction else setup.without(FRICTION)
     motions, duration_s = course_of(setup.problem)
-    scenes = [prepare(setup if name == "graze" else whole, people, motions[name], duration_s) for name in names]
+    scenes = [prepare(setup if name == "graze" else whole, hands, motions[name], duration_s) for name in names]
     for scene, *_ in scenes:
-        compile_ahead(scene, len(people))
+        compile_ahead(scene, len(hands))
     speeds = [execute_to_speed(*scene, workers=processors()) for scene in scenes]
     return np.asarray(np.max(speeds, axis=0))
