@@ -169,9 +169,10 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _unrecognized(arguments: Sequence[str], unknown: Sequence[str], texts: Mapping[str, str]) -> InputError:
-    """Return the fault of arguments that no option takes: one may be the value of an option that was cut short.
+    """Return the fault of arguments that no option takes; `texts` has the help of each option.
 
-    `texts` has the help of each option.
+    The first may be the value of a flag that is the end of a longer option: ``--force 3`` where ``--max-force 3`` is
+    meant. Otherwise options are near whose name or help has its name.
     """
     flag = arguments[max(arguments.index(unknown[0]) - 1, 0)]
     longer = [option for option in texts if option.endswith(flag[1:]) and option != flag]

@@ -49,7 +49,7 @@ def with_pieces(problem: avc.Problem, pieces: dict[str, Any], law: dict[str, flo
 
 
 def _compensation(typed: str, units: Units, metres_per_unit: float) -> dict[str, float]:
-    """Return the table of a friction compensation, of a force and, after a comma, the speed of all of it."""
+    """Return the table of a friction compensation: its force and, after a comma, the speed of its full force."""
     force, _, speed = typed.partition(",")
     force_n = _typed(force.strip(), units.unit("N"), "friction_compensation")
     if not speed:

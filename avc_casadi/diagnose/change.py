@@ -21,6 +21,9 @@ _LATE_TICKS = 0.35
 _SMALL_SHARE = 0.15
 """Share of the swing below which a motion is small beside it."""
 
+_NO_MOTION_M = 1e-12
+"""Motion that stands for none, so that its logarithm is finite."""
+
 _FELL_LN = 3.0
 """ln of the ratio by which a small motion fell below one that grows as the swing does, from which on it had rested."""
 
@@ -46,11 +49,17 @@ def cause_of(hypothesis: Hypothesis, law: FittedLaw, log: Log, swing: Oscillatio
 
 
 def _had_rest(log: Log, swing: Oscillation, growth_per_s: float) -> bool:
-    """Return whether a motion in contact, small beside the swing, came to less than what grows as the swing does."""
-    cycle = min(max(round(1 / swing.frequency_hz / log.period_s), 2), log.position_m.size)
-    size = np.ptp(np.lib.stride_tricks.sliding_window_view(log.position_m, cycle), axis=1)
-    ticks = np.flatnonzero(log.touching[: size.size])
-    size = size[ticks]
-    level = np.log(np.maximum(size, log.encoder_m + 1e-12)) - growth_per_s * log.period_s * ticks
-    fell = (np.maximum.accumulate(level) - level)[size < _SMALL_SHARE * swing.peak_to_peak_m]
-    return bool(fell.max(initial=0.0) > _FELL_LN)
+    """Return whether the device rested in contact before it swung, so that the loop is stable with some hand.
+
+    s(t) is the peak-to-peak motion in contact over one cycle of the swing. A loop that is unstable all the time has
+    s(t) = s_0 e^(g t) with its growth g, and ln s(t) - g t is constant. The device has rested where this level fell by
+    more than `_FELL_LN` below an earlier one, while s is small beside the swing.
+    """
+    ticks_of_cycle = min(max(round(1 / swing.frequency_hz / log.period_s), 2), log.position_m.size)
+    motion_m = np.ptp(np.lib.stride_tricks.sliding_window_view(log.position_m, ticks_of_cycle), axis=1)
+    ticks = np.flatnonzero(log.touching[: motion_m.size])
+    motion_m = motion_m[ticks]
+    level = np.log(np.maximum(motion_m, log.encoder_m + _NO_MOTION_M)) - growth_per_s * log.period_s * ticks
+    fell_by = np.maximum.accumulate(level) - level
+    small = motion_m < _SMALL_SHARE * swing.peak_to_peak_m
+    return bool(fell_by[small].max(initial=0.0) > _FELL_LN)

@@ -152,9 +152,10 @@ def _referred(named: Any, folder: Path | None) -> dict[str, Any] | str:
     """Return the device that a table refers to, or the fault of the reference."""
     if not isinstance(named, str):
         return f"is {t.shown(named)}; allowed: the name of a device of `avc list`, or a path ending in .toml"
-    path = device_path(named, folder)
-    if isinstance(path, str):
-        return path
+    path_or_fault = device_path(named, folder)
+    if isinstance(path_or_fault, str):
+        return path_or_fault
+    path = path_or_fault
     if not os.path.isfile(path):  # noqa: PTH113 - of pathlib a name that is too long raises
         return f"is {t.shown(named)}, which does not exist; give a path relative to this file, or a name"
     return load_device(path).device.model_dump(exclude_unset=True)

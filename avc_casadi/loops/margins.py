@@ -62,7 +62,11 @@ class Margins:
 class OpenLoop:
     """The loop of a coupling, broken at the actuator, with h hands: the corners of the set, then none.
 
-    The law is that of all loops, or has one leading axis: that of each.
+    Attributes:
+        law: that of all loops, or with one leading axis that of each.
+        body: the sampled device with each hand.
+        closed: the closed loops, of n states each.
+        moving: which of the states are velocities, shape (n,): an impact sets them.
     """
 
     law: Law

@@ -84,7 +84,10 @@ def with_gains(problem: Problem, gains: ToolGains) -> Problem:
 
 
 def left_out(problem: Problem) -> tuple[str, ...]:
-    """Return the kinds of declared effects that a scene with a list of effects does not simulate."""
+    """Return the kinds of declared effects that a scene with a list of effects does not simulate.
+
+    An effect of the list replaces a declared one of the same role, such as another hand; that is not left out.
+    """
     listed = {effect.kind for effect in scene_effects(problem)}
     roles = {EFFECTS[kind].role for kind in listed} - {""}
     return tuple(

@@ -174,7 +174,10 @@ class ImpedanceLoop:
 
 
 def loop_at(problem: Problem, frequency_hz: Real, numbers: NumberSystem = NUMPY) -> ImpedanceLoop:
-    """Return the gain-free part of a problem's loop."""
+    """Return the gain-free part of a problem's loop at some frequencies, in a number system.
+
+    The desired impedance is the mean of the upper and lower boundary, and the gap is the environment's minus that.
+    """
     device = problem.device
     environment = problem.environment
     model = problem.stability.model

@@ -46,7 +46,7 @@ class CouplingProgram:
 
 
 def coupling_program(coupling: Coupling, precision: Precision = SINGLE) -> CouplingProgram:
-    """Build the program of a coupling at its own sample time."""
+    """Build the program of a coupling at its own sample time, with states that begin at rest wherever the device is."""
     wall = coupling.wall
     if not wall.damping_ns_per_m + wall.stiffness_n_per_m > 0:
         raise InputError.of(
