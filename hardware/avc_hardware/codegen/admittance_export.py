@@ -17,7 +17,7 @@ from avc_hardware.codegen import c_frame
 HAND_M_PER_S = 1.0
 """Speed at which a hand meets the stiffest contact: a force that rises faster is refused once."""
 HELD_SAMPLES = 2
-"""Readings in a row that may be missing: the last force that was believed is held."""
+"""Readings that may be missing: the last force that was believed is held."""
 STOP_S = 0.05
 """Time in which the velocity falls from its limit to 0 where no reading is believed."""
 _LEAST_JUMP_SHARE = 0.01
@@ -42,8 +42,9 @@ _HEADER = """\
  * - One bad reading at a time, whatever it says: the last force that was believed is held. A device at rest stays so.
  * - Bad readings in a row that agree are believed from the second: they move a device at rest by {push:.4g} m for each
  *   of them in all, never faster than {fastest:.4g} m/s. A smaller error than a jump is believed at once.
- * - Readings that are not finite, at the end of the range or that jump each time: after {held} of them in a row the
- *   velocity falls to 0 within {stop:.4g} s, and stays there until two readings in a row are believed.
+ * - Readings that are not finite, at the end of the range or that jump each time: after {held} of them, without
+ *   {again} believed ones in a row between, the velocity falls to 0 within {stop:.4g} s. It stays there until {again}
+ *   readings in a row are believed, half a swing of the handle on its sensor: a blow may stop the device so long.
  * {stuck}
  * {position}
  * {offset}
@@ -67,7 +68,7 @@ typedef struct {{
     /* The force that was believed last, one that was refused for a jump, the last reading; the same of positions. */
     {real} believed_n, jumped_n, reading_n;
     {real} believed_m, jumped_m;
-    unsigned int missed, repeated, lost;
+    unsigned int missed, believed, repeated, lost;
     unsigned char begun, jumps, placed, moves, stopped;
 }} avc_coupling_t;
 
@@ -104,6 +105,7 @@ void avc_coupling_start(avc_coupling_t *coupling)
     coupling->believed_m = {zero};
     coupling->jumped_m = {zero};
     coupling->missed = 0u;
+    coupling->believed = 0u;
     coupling->repeated = 0u;
     coupling->lost = 0u;
     coupling->begun = 0u;
@@ -122,7 +124,7 @@ static int within({real} difference, {real} most)
 static int felt(avc_coupling_t *coupling, {real} force_n)
 {{
     const int again = coupling->jumps != 0u && within(force_n - coupling->jumped_n, {jump});
-    const int near = coupling->begun != 0u && coupling->stopped == 0u && within(force_n - coupling->believed_n, {jump});
+    const int near = coupling->begun != 0u && within(force_n - coupling->believed_n, {jump});
     coupling->jumps = 0u;
     if (!within(force_n, {full})) {{
         return 0;
@@ -141,21 +143,25 @@ static int felt(avc_coupling_t *coupling, {real} force_n)
 {{
     {real} velocity;
 {each}    if (felt(coupling, force_n)) {{
+        coupling->believed += coupling->believed < {again}u;
+    }} else {{
+        coupling->believed = 0u;
+        coupling->missed += coupling->missed <= {held}u;
+    }}
+    if (coupling->believed >= {again}u) {{
         coupling->missed = 0u;
-        coupling->stopped = 0u;
-    }} else if (coupling->missed <= {held}u) {{
-        coupling->missed += 1u;
     }}
     if (coupling->missed > {held}u{is_stuck}{is_lost}) {{
-        /* No reading to trust: the velocity falls to 0. */
+        /* No reading to trust: the velocity falls to 0, and the force that was held is forgotten. */
+        coupling->begun = coupling->stopped != 0u ? coupling->begun : 0u;
         coupling->stopped = 1u;
         coupling->filtered_n = {zero};
-        coupling->believed_n = {zero};
         velocity = coupling->velocity_m_per_s;
         velocity = velocity > {fall} ? velocity - {fall} : velocity < -{fall} ? velocity + {fall} : {zero};
         coupling->velocity_m_per_s = velocity;
         return velocity;
     }}
+    coupling->stopped = 0u;
     coupling->filtered_n += {share} * (coupling->believed_n - coupling->filtered_n);
     velocity = {alpha} * coupling->velocity_m_per_s + {beta} * {push};
     velocity = velocity > {max_speed} ? {max_speed} : velocity < -{max_speed} ? -{max_speed} : velocity;
@@ -206,6 +212,7 @@ class FaultBounds:
         repeated: equal readings in a row after which a sensor counts as stuck; 0: that cannot be seen.
         fall_m_per_s: by how much the velocity falls in a sample where no reading is believed.
         way_m: change of a position that is refused once.
+        again: readings in a row that are believed before those that were missing are forgotten.
     """
 
     full_n: float
@@ -214,6 +221,7 @@ class FaultBounds:
     repeated: int
     fall_m_per_s: float
     way_m: float
+    again: int
 
     @classmethod
     def of(cls, problem: AdmittanceProblem, law: VirtualImpedance) -> FaultBounds:
@@ -233,7 +241,19 @@ class FaultBounds:
             repeated=_repeated(sensor.noise_rms_n, sensor.resolution_n),
             fall_m_per_s=device.max_speed_m_per_s * period / STOP_S,
             way_m=3 * device.max_speed_m_per_s * period,
+            again=_half_swing(problem),
         )
+
+
+def _half_swing(problem: AdmittanceProblem) -> int:
+    """Return the samples of half a swing of the handle on its sensor, pi sqrt((m_s + m)/k_s)/T, m the heaviest hand.
+
+    Within it a swing passes the place where its force changes most: a reading near a peak, where it hardly changes,
+    says nothing of the next ones.
+    """
+    device, sensor = problem.device, problem.device.force_sensor
+    carried_kg = sensor.handle_mass_kg + problem.hands.mass_kg[1]
+    return 1 + math.ceil(math.pi * math.sqrt(carried_kg / sensor.stiffness_n_per_m) / device.sample_time_s)
 
 
 def _repeated(noise_n: float, step_n: float) -> int:
@@ -306,6 +326,7 @@ def _header(
         push=bounds.push_m,
         fastest=device.max_speed_m_per_s,
         held=HELD_SAMPLES,
+        again=bounds.again,
         stop=STOP_S,
         stuck=c_frame.comment_lines(_told_of_stuck(bounds, law, device.sample_time_s)),
         position=c_frame.comment_lines(_told_of_position(bounds, law)),
@@ -367,6 +388,7 @@ def _source(problem: AdmittanceProblem, law: VirtualImpedance, bounds: FaultBoun
         # A reading at the end of the range is not inside of it.
         full=literal(bounds.full_n * (1 - 1e-6)),
         held=HELD_SAMPLES,
+        again=bounds.again,
         fall=literal(bounds.fall_m_per_s),
         share=literal(share),
         alpha=literal(law.mass_kg / total),
