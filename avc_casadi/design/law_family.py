@@ -20,12 +20,10 @@ from avc_casadi._util.arrays import ComplexArray, FloatArray
 from avc_casadi.claims.impedance import handle_impedance, target_impedance
 from avc_casadi.design.observer_law import Structure
 from avc_casadi.design.plants import PlantMatrices
-from avc_casadi.loops.plant_family import PlantFamily
+from avc_casadi.loops.plant_family import PlantFamily, perturbed_plants
 from avc_casadi.loops.spectrum import eigenvalues
 from avc_casadi.model.device import Device
-from avc_casadi.model.hands import released_hand
 from avc_casadi.model.perturbed import perturbed_devices
-from avc_casadi.model.plant import sampled_plant
 from avc_casadi.model.problem import Problem
 
 BAND_HZ = (1.0, 30.0)
@@ -143,12 +141,10 @@ class LawFamily:
             problem: device and wall; its ranges are judged at their corners.
             structure: model and feedback of the observer.
         """
-        family = PlantFamily.of(problem)
         self.problem = problem
         self.structure = structure
-        self.hands = family.held
-        self.held = PlantMatrices.of(sampled_plant(family.devices, family.held))
-        self.plants = self.held.and_those_of(PlantMatrices.of(sampled_plant(family.devices, released_hand())))
+        self.held, released = PlantMatrices.held_and_released(PlantFamily.of(problem).sampled)
+        self.plants = self.held.and_those_of(released)
         hz = self._grid_hz(_COARSE)
         self.z = np.exp(2j * np.pi * hz * problem.device.sample_time_s)
         self.response = self.plants.position_per_force(self.z)
@@ -163,11 +159,10 @@ class LawFamily:
     @cached_property
     def perturbed(self) -> PlantMatrices | None:
         """Plants a little off the file, with every hand and released; None where every value has a range."""
-        devices = perturbed_devices(self.problem)
-        if not devices:
+        if not perturbed_devices(self.problem):
             return None
-        held = PlantMatrices.of(sampled_plant(devices, self.hands))
-        return held.and_those_of(PlantMatrices.of(sampled_plant(devices, released_hand())))
+        held, released = PlantMatrices.held_and_released(perturbed_plants(self.problem))
+        return held.and_those_of(released)
 
     def _grid_hz(self, density: int) -> FloatArray:
         """Return frequencies from 0.1 Hz to the Nyquist frequency itself, dense about resonances."""

@@ -27,6 +27,14 @@ class PlantMatrices:
         measured = np.pad(plant.output_row, (0, size - len(plant.output_row)))
         return cls(state.reshape(-1, size, size), force.reshape(-1, size), measured)
 
+    @classmethod
+    def held_and_released(cls, plant: SampledPlant) -> tuple[PlantMatrices, PlantMatrices]:
+        """Return the plants of all devices with a hand, and those released, where the last hand is the released one."""
+        devices, hands = plant.new.shape[:2]
+        released = (np.arange(devices * hands) + 1) % hands == 0
+        plants = cls.of(plant)
+        return plants.pick(np.flatnonzero(~released)), plants.pick(np.flatnonzero(released))
+
     def __len__(self) -> int:
         return len(self.state)
 

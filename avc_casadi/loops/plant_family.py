@@ -19,6 +19,7 @@ from avc_casadi.loops.search import Box, Ranges, worst_point
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners, device_ranges, device_with, devices_with
 from avc_casadi.model.device import Device
 from avc_casadi.model.hands import Hand, hand_corners, hand_ranges, hand_set, with_released
+from avc_casadi.model.perturbed import perturbed_devices
 from avc_casadi.model.plant import SampledPlant, sampled_plant
 from avc_casadi.model.problem import Hands, Problem
 
@@ -182,6 +183,13 @@ class PlantFamily:
 @lru_cache(maxsize=16)
 def _family_of(problem: Problem) -> PlantFamily:
     return PlantFamily.between(problem.device, problem.hands)
+
+
+# Every law of a problem is judged on the same perturbed plants.
+@lru_cache(maxsize=4)
+def perturbed_plants(problem: Problem) -> SampledPlant:
+    """Return each perturbed device of a problem, which has some, with each hand, the last one released."""
+    return sampled_plant(perturbed_devices(problem), PlantFamily.of(problem).hands)
 
 
 def hand_at(values: Mapping[str, FloatArray], place: int) -> dict[str, float]:

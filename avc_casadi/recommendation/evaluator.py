@@ -6,7 +6,7 @@ import itertools
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from functools import lru_cache, partial
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,7 @@ from avc_casadi._util.json_values import Document
 from avc_casadi.claims.deployable import deployable
 from avc_casadi.coupling import Coupling
 from avc_casadi.loops.margins import OpenLoop
-from avc_casadi.loops.plant_family import PlantFamily
+from avc_casadi.loops.plant_family import PlantFamily, perturbed_plants
 from avc_casadi.loops.wall import law_at_rest
 from avc_casadi.model.corners import (
     USUAL,
@@ -29,7 +29,6 @@ from avc_casadi.model.device import Device
 from avc_casadi.model.effects import Effect
 from avc_casadi.model.hands import Hand, StylusHand
 from avc_casadi.model.perturbed import PERTURBED_SHARE, perturbed_devices, perturbed_keys
-from avc_casadi.model.plant import SampledPlant, sampled_plant
 from avc_casadi.model.problem import Problem
 from avc_casadi.recommendation.rank import Candidate, Safety, best_of, error_in_motion
 from avc_casadi.recommendation.reasons import Flaw, UnmetRequirement, UnmetRequirements
@@ -277,9 +276,4 @@ def unstable_when_perturbed(coupling: Coupling) -> bool:
 
 def perturbed_loops(coupling: Coupling) -> OpenLoop:
     """Return the loops of a coupling on every perturbed device, with every corner of the hands and released."""
-    return OpenLoop.around(_perturbed_plant(coupling.problem), law_at_rest(coupling))
-
-
-@lru_cache(maxsize=4)
-def _perturbed_plant(problem: Problem) -> SampledPlant:
-    return sampled_plant(perturbed_devices(problem), PlantFamily.of(problem).hands)
+    return OpenLoop.around(perturbed_plants(coupling.problem), law_at_rest(coupling))
