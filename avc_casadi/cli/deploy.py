@@ -280,7 +280,9 @@ _MONITOR_SHOWN_EVERY_S = 0.2
 _MONITOR_JSON_S = 5.0
 """Time after which --json ends by itself, s."""
 
-_RATE = "set the records per second (default: 5; 115200 baud allow 250); 5 are printed"
+_RATE = (
+    "set the records per second that the log gets (default: 5; 115200 baud allow 250); the screen shows 5 per second"
+)
 _SECONDS = "set the duration in s (default: until Ctrl-C; with --json 5)"
 _HEARTBEAT = "send a heartbeat; the force ends if none arrives for S seconds (default: 0.5)"
 

@@ -84,8 +84,8 @@ def tune_static(problem: Problem, *, draws: int = 32, raises: int = 8, progress:
     kinds = {effect.kind for effect in scene_effects(problem)}
     if "hand" not in kinds:
         raise UnsupportedError(
-            f"{problem.name}: the scene has no hand, and static-tuned tries the hands of [hands] in it; add the effect "
-            f"hand to: {', '.join(sorted(kinds))}"
+            f"{problem.name}: the scene simulates no hand, and the method static-tuned needs one; add the effect "
+            f"'hand' to these: {', '.join(sorted(kinds))}"
         )
     hands = hand_set(problem.hands, draws=draws, seed=_SEED)
     damping_unit = problem.units.unit("N.s/m")

@@ -284,7 +284,7 @@ def _faults_of_order(columns: Columns) -> list[Fault]:
         (columns.line_of(int(row) + 1), f"is {number(columns.time_s[row + 1])} s, not after the row before")
         for row in np.flatnonzero(np.diff(columns.time_s) <= 0)
     ]
-    allowed = "increasing times, and one recording in a file; if no row is missing, --sample-time replaces coarse times"
+    allowed = "times that increase, one recording in a file; for rounded times without missing rows give --sample-time"
     return faults_of_rows(columns.file, "time", rows, allowed)
 
 

@@ -22,7 +22,7 @@ _SIMPLIFICATIONS = {
         "simulated hands feel no detents: the claims cover their slopes, and avc simulate includes them"
     ),
     Simplification.TOOL_FREE_OR_HELD: (
-        "the engine's contacts are constraints: the tool is free or stands still; for springs state a range"
+        "the engine's contacts are rigid: the tool moves freely or stands still; for springs state a range of stiffness"
     ),
     Simplification.STEADY_STEPS_OF_RANGE: (
         "the engine's step is steady: a range of step_s is judged at each steady step in it"
