@@ -19,6 +19,7 @@ from avc_casadi._util.json_values import plain
 from avc_casadi._util.printed import Printed
 from avc_casadi._util.progress import SILENT, Progress, Stages
 from avc_casadi._util.text import quantity
+from avc_casadi.claims.handle_port import HandlePassivity, passivity
 from avc_casadi.claims.law_limits import LawLimits, stacked
 from avc_casadi.claims.stated_law import noise_gain
 from avc_casadi.files.admittance_file import AnyAdmittance, as_admittance
@@ -272,6 +273,7 @@ class AdmittanceCertificate(Printed):
         noise_m_per_s: rms of the commanded velocity at rest, of the noise and the steps of the sensor.
         drift_m_per_s: velocity at rest of a reading that is one step of the sensor off; infinite without damping, 0 on
             a spring.
+        passivity: whether it is passive at the handle, which is more than stability with hands and contacts asks for.
         remedies: single changes that make it sound; None where none was looked for.
 
     Example:
@@ -287,6 +289,7 @@ class AdmittanceCertificate(Printed):
     stiffest_contact_n_per_m: float
     noise_m_per_s: float
     drift_m_per_s: float
+    passivity: HandlePassivity
     remedies: tuple[AdmittanceRemedy, ...] | None
 
     @property
@@ -427,6 +430,7 @@ def _judged(analysis: HandleAnalysis, law: VirtualImpedance, stages: Stages, *, 
         stiffest_contact_n_per_m=stiffest,
         noise_m_per_s=velocity_noise(law, problem.device),
         drift_m_per_s=drift(law, problem.device),
+        passivity=passivity(analysis.family.sides[0].devices, law.law(analysis.period_s)),
         remedies=None,
     )
 

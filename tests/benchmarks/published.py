@@ -9,6 +9,7 @@ hand gets out of a held force. Overwrites OUT (default tests/benchmarks/results/
 from __future__ import annotations
 
 import math
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -19,12 +20,19 @@ from script_arguments import script_arguments
 from studied import about, write_rows
 
 import avc_casadi as avc
+from avc_casadi.claims.handle_port import passivity
 from avc_casadi.claims.zwidth import passive_walls
 from avc_casadi.loops.walls import stable_walls
+from avc_casadi.model.admittance import AdmittanceDevice
 from avc_casadi.model.device import Device
 from avc_casadi.model.hands import Hand
 
 HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE.parent / "oracle"))
+
+from admittance import drawn  # noqa: E402
+from admittance_loop import PlainDevice, handle_impedance  # noqa: E402
+
 RESULTS = HERE / "results" / "published.json"
 T = 1e-3
 Row = dict[str, Any]
@@ -174,6 +182,77 @@ def paddle() -> list[Row]:
     return rows
 
 
+# Passivity at the handle of admittance devices
+
+GRIPS = {"rubber grip": (2e3, 0.5), "foam grip": (500.0, 1.0)}
+"""Stiffness and damping ratio of two soft handles on the cobot of the catalogue."""
+SCANNED = {"mass_kg": np.geomspace(1e-3, 1e4, 43), "damping_ns_per_m": np.geomspace(1.0, 1e8, 49)}
+SECOND_WAY_HZ = np.geomspace(0.02, 1.0, 400)
+"""Frequencies of the second way, as shares of half the sample rate."""
+
+
+def admittance_devices() -> dict[str, avc.AdmittanceProblem]:
+    """Ten devices with a law: two of the catalogue, six that are drawn at random, two with a soft handle."""
+    cobot = avc.load_admittance("admittance/cobot")
+    devices = {"cobot": cobot, "pedal": avc.load_admittance("admittance/pedal")}
+    devices |= {f"drawn {index}": drawn(index) for index in range(6)}
+    for name, (stiffness, ratio) in GRIPS.items():
+        sensor = {"stiffness_n_per_m": stiffness, "damping_ratio": ratio}
+        devices[name] = cobot.changed(device={"force_sensor": sensor})
+    return devices
+
+
+def at_handle() -> list[Row]:
+    """Least mass and damping with every hand and contact of the file, beside those that are passive at the handle."""
+    rows = []
+    for name, stated in admittance_devices().items():
+        ours = avc.certify_admittance(stated, remedies=False)
+        device, law, sensor = stated.device, ours.law, stated.device.force_sensor
+        lag = lag_s(device, law.cutoff_hz)
+        row = {"part": "at_handle", "device": name, "mass_kg": law.mass_kg, "damping_ns_per_m": law.damping_ns_per_m}
+        row |= {"sensor_n_per_m": sensor.stiffness_n_per_m, "sensor_ns_per_m": sensor.damping_ns_per_m, "lag_s": lag}
+        row |= {"stable_kg": _ends(ours.mass_range_kg), "stable_ns_per_m": _ends(ours.damping_range_ns_per_m)}
+        row |= {"from_hz": _number(ours.passivity.from_hz), "second_way": second_way(stated, ours.passivity.from_hz)}
+        row |= {f"passive_{key}": passive_values(stated, key) for key in SCANNED}
+        rows.append(row | {"any_mass_ns_per_m": (sensor.stiffness_n_per_m * lag) ** 2 / (4 * sensor.damping_ns_per_m)})
+    return rows
+
+
+def lag_s(device: AdmittanceDevice, cutoff_hz: float | None) -> float:
+    """Delay of slow motion from the force to the velocity: that of delay, drive and low pass.
+
+    The newest force counts in the virtual mass, which makes up for half a sample of hold.
+    """
+    order = 2 * device.drive_damping_ratio if device.drive_order == 2 else 1.0
+    drive = order / (2 * math.pi * device.drive_bandwidth_hz)
+    low_pass = device.sample_time_s / math.expm1(2 * math.pi * cutoff_hz * device.sample_time_s) if cutoff_hz else 0.0
+    return device.delay_samples * device.sample_time_s + drive + low_pass
+
+
+def passive_values(stated: avc.AdmittanceProblem, key: str) -> list[float] | None:
+    """Least and largest value of a number of the law that is passive at the handle, of a scan; None: none is."""
+    passive = [value for value in SCANNED[key].tolist() if _passive(stated, key, value)]
+    return [passive[0], passive[-1]] if passive else None
+
+
+def _passive(stated: avc.AdmittanceProblem, key: str, value: float) -> bool:
+    assert stated.law is not None
+    law = stated.law.admittance.with_number(key, value).law(stated.device.sample_time_s)
+    return passivity([stated.device.with_values()], law).passive
+
+
+def second_way(stated: avc.AdmittanceProblem, from_hz: float) -> bool:
+    """Whether a loop that shares no code is passive below a frequency, and no longer just above it."""
+    plain = PlainDevice.of(stated)
+    half = 0.5 / stated.device.sample_time_s
+    below = [handle_impedance(plain, share * min(from_hz, half)).real for share in SECOND_WAY_HZ * (1 - 1e-6)]
+    return bool(min(below) > -1e-6 and (from_hz >= half or handle_impedance(plain, from_hz * (1 + 1e-6)).real < 0))
+
+
+def _ends(stable: tuple[float, float] | None) -> list[float | None] | None:
+    return None if stable is None else [_number(end) for end in stable]
+
+
 def _number(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
@@ -182,7 +261,7 @@ def main() -> None:
     """Compute and write."""
     args = script_arguments(__doc__, out=RESULTS)
     made = about("python tests/benchmarks/published.py", 0)
-    parts = (rule, passive, quantised, paddle)
+    parts = (rule, passive, quantised, paddle, at_handle)
     rows = [row for part in parts for row in part()]
     write_rows(args.out, made, rows)
 

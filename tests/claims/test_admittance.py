@@ -4,11 +4,12 @@ import math
 
 import numpy as np
 import pytest
-from admittance_loop import PlainDevice, growth, largest_pole
+from admittance_loop import PlainDevice, growth, handle_impedance, largest_pole
 
 import avc_casadi as avc
 from avc_casadi._util.progress import Progress
 from avc_casadi.claims.admittance import HandleAnalysis
+from avc_casadi.claims.handle_port import HandlePort
 from avc_casadi.loops.handle import HandleFamily, leading_poles, plants_of
 from avc_casadi.loops.loop import Body
 from avc_casadi.loops.margins import SOUND_DISK, OpenLoop
@@ -242,3 +243,42 @@ def test_each_long_answer_says_which_stage_it_is_at():
     assert dones == sorted(set(dones))
     assert told.seen[0][2] == "hands and contacts"
     assert told.seen[-1][0] == told.seen[-1][1]
+
+
+@pytest.mark.parametrize("device", DEVICES)
+@pytest.mark.parametrize("more", [{}, {"stiffness_n_per_m": 300.0, "cutoff_hz": 90.0}])
+def test_the_impedance_at_the_handle_is_that_of_a_loop_with_the_push_as_a_state(device, more):
+    problem = avc.AdmittanceProblem.model_validate(arm({"mass_kg": 8.0, "damping_ns_per_m": 90.0, **more}, **device))
+    period, plain = problem.device.sample_time_s, PlainDevice.of(problem)
+    port = HandlePort(problem.device, problem.law.admittance.law(period))
+    hz = np.array([0.3, 2.0, 7.0, 31.0, 0.37 / period])
+    for found, frequency in zip(port.impedance(2 * math.pi * hz * period), hz.tolist(), strict=True):
+        assert found == pytest.approx(handle_impedance(plain, frequency), rel=1e-9)
+
+
+def test_below_the_frequency_of_its_row_a_device_feeds_no_hand():
+    problem = avc.load_admittance("admittance/cobot")
+    found = avc.certify_admittance(problem, remedies=False).passivity
+    plain = PlainDevice.of(problem)
+    assert found.released_stable
+    assert not found.passive
+    assert handle_impedance(plain, 1.0001 * found.from_hz).real < 0
+    assert min(handle_impedance(plain, hz).real for hz in np.geomspace(1e-3, 0.9999, 200) * found.from_hz) >= 0
+
+
+def test_a_damped_sensor_and_enough_virtual_damping_make_a_device_passive():
+    """Whatever the mass, about (k_s tau)^2/(4 b_s) is enough: 2 kN/m, 90 N.s/m and lags of 8 ms ask for 0.7 N.s/m."""
+    sensor = {"stiffness_n_per_m": 2e3, "damping_ratio": 1.0}
+    device = {"drive_bandwidth_hz": 40.0, "sample_time_s": 1e-3, "delay_samples": 3, "sensor": sensor}
+    for mass, damping, passive in ((0.5, 30.0, True), (20.0, 30.0, True), (0.5, 0.01, False), (20.0, 0.01, False)):
+        stated = arm({"mass_kg": mass, "damping_ns_per_m": damping}, **device)
+        assert avc.certify_admittance(stated, remedies=False).passivity.passive == passive
+
+
+def test_the_least_passive_of_a_range_counts():
+    law = {"mass_kg": 20.0, "damping_ns_per_m": 400.0}
+
+    def from_hz(**device):
+        return avc.certify_admittance(arm(law, **device), remedies=False).passivity.from_hz
+
+    assert from_hz(range={"delay_samples": [1.0, 4.0]}) == pytest.approx(from_hz(delay_samples=4.0), rel=1e-9)

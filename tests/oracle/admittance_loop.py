@@ -115,6 +115,42 @@ def largest_pole(device):
     return float(np.abs(poles).max())
 
 
+def handle_impedance(device, hz):
+    """Return force over velocity of a handle that a hand pushes by exp(s t): at that frequency alone, without aliases.
+
+    The push is a state that grows by s. With z = exp(s T) each sample is z times the one before, which is a linear
+    system of drive, handle, law and past commands; the held commands and the push then move the handle.
+    """
+    s, late = 2j * math.pi * hz, int(device.late_samples)
+    part, queue = device.late_samples - late, late + 1
+    kept = [0, 1, 3, 4] if device.order == 1 else [0, 1, 2, 3, 4]  # the acceleration is no state of a first order
+    size = len(kept)
+    motion = np.array([device.rates(unit, 0.0) for unit in np.eye(5)]).T[np.ix_(kept, kept)]
+    push = device.rates(np.zeros(5), 1.0)[kept]
+    pull = np.eye(size)[-1] / device.handle_kg
+    inputs = np.stack([push, pull], axis=1)
+    whole = np.block([[motion, inputs], [np.zeros((1, size + 2))], [np.zeros((1, size + 1)), np.array([[s]])]])
+    first, second = expm(whole * part * device.sample_s), expm(whole * (1 - part) * device.sample_s)
+
+    def sample(state, pushed):
+        """State: drive and handle, two of the law, past commands; pushed: the hand's force."""
+        body = np.zeros(5, dtype=complex)
+        body[kept] = state[:size]
+        memory = device.command(state[size : size + 2], body)
+        commands = [memory[1], *state[size + 2 :]]
+        moved = first @ [*state[:size], commands[late + 1 if part else late], pushed]
+        moved = second @ [*moved[:size], commands[late], moved[-1]]
+        return np.array([*moved[:size], *memory, *commands[:queue]])
+
+    units = np.eye(size + 2 + queue)
+    loop = np.array([sample(unit, 0.0) for unit in units]).T
+    z = np.exp(s * device.sample_s)
+    state = np.linalg.solve(z * units - loop, sample(0 * units[0], 1.0))
+    command = z * state[size + 1]  # of this sample: what the law remembers after it
+    held = (1 - 1 / z) / (s * device.sample_s) * np.exp(-s * device.late_samples * device.sample_s)
+    return 1 / np.linalg.solve(s * np.eye(size) - motion, pull + push * held * command)[-1]
+
+
 def growth(device, samples=30_000, fine=None):
     """Return by how much a motion grows in a sample, from a simulation of some samples after a knock of the handle."""
     stiff = math.sqrt((device.sensor_n_per_m + device.hand_n_per_m) / device.handle_kg)

@@ -10,6 +10,7 @@ import numpy as np
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.units import Quantity
 from avc_casadi.claims.admittance import AdmittanceCertificate, AdmittanceRemedy, HandleCase
+from avc_casadi.claims.handle_port import HandlePassivity
 from avc_casadi.claims.mass_width import MassWidth
 from avc_casadi.files.catalogue import admittance_names
 from avc_casadi.files.new_admittance import NewAdmittance
@@ -144,6 +145,7 @@ def certificate(result: AdmittanceCertificate, shown: str = "") -> Answer:
         _damping(result.cases),
         row("Worst case", worst_case(result.worst)),
         *_limits(result),
+        passivity(result.passivity),
         _noise(result),
     ]
     if not sound and result.remedies is not None:
@@ -342,6 +344,15 @@ def _stiffest(result: AdmittanceCertificate) -> Row:
     elif not limit:
         text = ("none: unstable without a contact",)
     return row("Stiffest contact", text, mark=Mark.FAIL if limit < declared else Mark.NONE)
+
+
+def passivity(result: HandlePassivity) -> Row:
+    """Return whether a device is passive at its handle, or from which frequency it can feed a hand."""
+    if not result.released_stable:
+        return row("Passive", "no: unstable when it is released")
+    if result.passive:
+        return row("Passive", "yes, up to half the sample rate")
+    return row("Passive", "no: from", Value(result.from_hz, "frequency"), "on it can feed an unknown hand")
 
 
 def _noise(result: AdmittanceCertificate) -> Row:
