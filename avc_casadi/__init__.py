@@ -31,6 +31,7 @@ __version__ = "0.3.0"
 __all__ = ["Problem", "catalogue", "catalogue_path", "dump_problem", "load_device", "load_problem", "parse_problem"]
 __all__ += ["AdmittanceCertificate", "AdmittanceProblem", "certify_admittance", "load_admittance"]
 __all__ += ["AdmittanceRecommendation", "MassWidth", "mass_width", "recommend_admittance"]
+__all__ += ["ForceFeedbackCertificate", "ForceFeedbackProblem", "certify_force_feedback"]
 __all__ += ["Coupling", "LawCertificate", "Recommendation", "certify_law", "recommend", "zwidth"]
 __all__ += ["certify_joint", "recommend_joint"]
 __all__ += ["Certificate", "Deployable", "Run", "certify", "deployable", "screen", "simulate", "simulate_batch"]
@@ -63,6 +64,7 @@ if TYPE_CHECKING:
     from avc_casadi.claims.admittance import AdmittanceCertificate, certify_admittance
     from avc_casadi.claims.certify import Certificate, certify
     from avc_casadi.claims.deployable import Deployable, deployable
+    from avc_casadi.claims.force_feedback import ForceFeedbackCertificate, certify_force_feedback
     from avc_casadi.claims.joint import certify_joint
     from avc_casadi.claims.mass_width import MassWidth, mass_width
     from avc_casadi.claims.own_law import LawCertificate, certify_law
@@ -79,6 +81,7 @@ if TYPE_CHECKING:
     from avc_casadi.model.admittance import AdmittanceProblem
     from avc_casadi.model.gains import GainSchedule
     from avc_casadi.model.problem import Problem
+    from avc_casadi.model.sensed import ForceFeedbackProblem
     from avc_casadi.present import figures
     from avc_casadi.recommendation.admittance import AdmittanceRecommendation, recommend_admittance
     from avc_casadi.recommendation.joint import recommend_joint
@@ -92,9 +95,11 @@ else:
         "NotDeployableError PortError UnsupportedError WorkerLostError fault_document",
         "claims.certify": "Certificate certify",
         "claims.admittance": "AdmittanceCertificate certify_admittance",
+        "claims.force_feedback": "ForceFeedbackCertificate certify_force_feedback",
         "claims.mass_width": "MassWidth mass_width",
         "recommendation.admittance": "AdmittanceRecommendation recommend_admittance",
         "model.admittance": "AdmittanceProblem",
+        "model.sensed": "ForceFeedbackProblem",
         "files.admittance_file": "load_admittance",
         "claims.zwidth": "zwidth",
         "claims.deployable": "Deployable deployable",

@@ -7,9 +7,10 @@ The loop is broken where the velocity is commanded. Each number is the worst ove
 from __future__ import annotations
 
 import math
+from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -21,7 +22,7 @@ from avc_casadi._util.progress import SILENT, Progress, Stages
 from avc_casadi._util.text import quantity
 from avc_casadi.claims.handle_port import HandlePassivity, passivity
 from avc_casadi.claims.law_limits import LawLimits, stacked
-from avc_casadi.claims.stated_law import noise_gain
+from avc_casadi.claims.stated_law import AnyLaw, noise_gain
 from avc_casadi.files.admittance_file import AnyAdmittance, as_admittance
 from avc_casadi.loops.handle import Handle, HandleFamily, HandleSide, Pair, leading_poles, plants_of
 from avc_casadi.loops.loop import Body
@@ -39,6 +40,7 @@ from avc_casadi.model.control_law import LawNumber
 from avc_casadi.model.hands import Hand
 from avc_casadi.model.law import Law
 from avc_casadi.model.plant import SampledPlant
+from avc_casadi.model.sensed import SensorProblem
 
 Interval = tuple[float, float]
 
@@ -53,6 +55,8 @@ _BISECTIONS = 40
 _MOST_CHANGE = 30.0
 _CHANGES = 12
 _REFINEMENTS = 5
+# Cases of a handle that touches nothing: held and released.
+_WITHOUT_CONTACT = 2
 # Shares of a delay that are looked at.
 _DELAY_SHARES = (0.75, 0.5, 0.25, 0.0)
 # Limits that a certificate looks for: of mass, damping and contact.
@@ -92,10 +96,10 @@ class AdmittanceRemedy:
     disk_margin: float
 
 
-class HandleAnalysis:
-    """The plants of an admittance problem around any of its laws."""
+class SensorAnalysis:
+    """The plants of a problem of a device with a force sensor around any of its laws."""
 
-    def __init__(self, problem: AdmittanceProblem, worst: Sequence[Hand] = ()) -> None:
+    def __init__(self, problem: SensorProblem, worst: Sequence[Hand] = ()) -> None:
         self.problem = problem
         self.family = HandleFamily.of(problem)
         self.period_s = problem.device.sample_time_s
@@ -110,25 +114,25 @@ class HandleAnalysis:
         """What the handle carries where a search found a loop that is worse than those of the corners."""
         return [hand for _, hand in self.pairs[self._corners :]]
 
-    def changed(self, problem: AdmittanceProblem) -> HandleAnalysis:
+    def changed(self, problem: SensorProblem) -> Self:
         """Return the analysis of another device, which begins with what was the worst of this one."""
-        return HandleAnalysis(problem, self.worst_hands)
+        return type(self)(problem, self.worst_hands)
 
-    def rough_margin(self, law: VirtualImpedance) -> float:
+    def rough_margin(self, law: AnyLaw) -> float:
         """Return the disk margin of a law to a per cent, at the points so far; 0 where one is unstable."""
         return OpenLoop.around(plants_of(self.pairs), law.law(self.period_s)).quick_disk_margin
 
-    def confirmed_margin(self, law: VirtualImpedance) -> float:
+    def confirmed_margin(self, law: AnyLaw) -> float:
         """Return the disk margin of a law after a search of the ranges, whose worst points are kept."""
         measure = _swings(law.law(self.period_s))
         self.pairs += [side.worst_case(measure).pair for side in self.family.sides if side.handle != "released"]
         return self.rough_margin(law)
 
-    def is_sound(self, law: VirtualImpedance, limit: float) -> bool:
+    def is_sound(self, law: AnyLaw, limit: float) -> bool:
         """Return whether the disk margin is at least a limit, as a search of the ranges finds it."""
         return self.rough_margin(law) >= limit and self.confirmed_margin(law) >= limit
 
-    def case(self, law: VirtualImpedance, side: HandleSide) -> HandleCase:
+    def case(self, law: AnyLaw, side: HandleSide) -> HandleCase:
         """Return the worst of each number, at the corners of the ranges and at the worst points of a search."""
         state_space = law.law(self.period_s)
         measures = (leading_poles(state_space), _lack_of_damping(state_space), _swings(state_space))
@@ -153,6 +157,19 @@ class HandleAnalysis:
             contact=contact,
         )
 
+    def stiffest_contact_n_per_m(self, law: AnyLaw) -> float:
+        """Return the stiffest contact up to which every contact is stable; infinite without a limit, 0 where none is.
+
+        Contacts have the declared damping. Up to the limit every hand is judged with every softer contact.
+        """
+        return _ContactLimit(self.problem, law.law(self.period_s)).find()
+
+
+class HandleAnalysis(SensorAnalysis):
+    """The plants of an admittance problem around any of its laws."""
+
+    problem: AdmittanceProblem
+
     def interval(self, law: VirtualImpedance, key: str) -> Interval | None:
         """Return the interval of a number of the law in which it is stable with the others kept; None: there is none.
 
@@ -166,19 +183,12 @@ class HandleAnalysis:
 
         return changed.interval(number, laws_of)
 
-    def stiffest_contact_n_per_m(self, law: VirtualImpedance) -> float:
-        """Return the stiffest contact up to which every contact is stable; infinite without a limit, 0 where none is.
-
-        Contacts have the declared damping. Up to the limit every hand is judged with every softer contact.
-        """
-        return _ContactLimit(self.problem, law.law(self.period_s)).find()
-
 
 @dataclass(frozen=True)
 class _ContactLimit:
     """The stiffest contact that a law is stable with: a scan of contacts at the corners of the rest, then searches."""
 
-    problem: AdmittanceProblem
+    problem: SensorProblem
     law: Law
 
     def find(self) -> float:
@@ -260,37 +270,29 @@ def _swings(law: Law) -> Callable[[SampledPlant, object], ComplexArray]:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class AdmittanceCertificate(Printed):
-    """Whether an admittance law may run on its device, by how much, where its limits are, and what would help.
+class HandleVerdict(Printed):
+    """Whether a law may run on a device with a force sensor, and by how much.
 
     Attributes:
-        problem: device, hands and contact, with the law that is judged.
         cases: the loop with what the handle carries: held, pressed and leaning where there is a contact, released.
-        mass_range_kg: the virtual masses that are stable with this damping; None where none is.
-        damping_range_ns_per_m: the dampings that are stable with this mass; None where none is.
         stiffest_contact_n_per_m: up to which every contact is stable; 0 where none is, infinite without a limit. Not a
-            number where limits were not looked for, as the two ranges are None then.
-        noise_m_per_s: rms of the commanded velocity at rest, of the noise and the steps of the sensor.
-        drift_m_per_s: velocity at rest of a reading that is one step of the sensor off; infinite without damping, 0 on
-            a spring.
+            number where limits were not looked for.
         passivity: whether it is passive at the handle, which is more than stability with hands and contacts asks for.
-        remedies: single changes that make it sound; None where none was looked for.
-
-    Example:
-        >>> avc.certify_admittance("admittance/cobot", remedies=False).stable
-        True
     """
 
-    problem: AdmittanceProblem
-    law: VirtualImpedance
     cases: tuple[HandleCase, ...]
-    mass_range_kg: Interval | None
-    damping_range_ns_per_m: Interval | None
     stiffest_contact_n_per_m: float
-    noise_m_per_s: float
-    drift_m_per_s: float
     passivity: HandlePassivity
-    remedies: tuple[AdmittanceRemedy, ...] | None
+
+    @property
+    def touches(self) -> bool:
+        """Whether the handle is judged against a contact."""
+        return len(self.cases) > _WITHOUT_CONTACT
+
+    @property
+    @abstractmethod
+    def cause(self) -> str:
+        """Which number of an unstable law is beyond which limit."""
 
     @property
     def worst(self) -> HandleCase:
@@ -323,14 +325,43 @@ class AdmittanceCertificate(Printed):
     def reason(self) -> str:
         """What decides, in one line."""
         if not self.stable:
-            return f"unstable: {self._cause()}"
+            return f"unstable: {self.cause}"
         if self.disk_margin < SOUND_DISK:
             how = "thin" if self.passed else f"below {LEAST_DISK}"
             return f"stable, but a disk margin of {self.disk_margin:.2g} is {how}"
-        return f"stable with every hand{' and contact' if self.problem.contact.touches else ''}, and released"
+        return f"stable with every hand{' and contact' if self.touches else ''}, and released"
 
-    def _cause(self) -> str:
-        """Return which number of the law is beyond which limit, or where the loop swings."""
+
+@dataclass(frozen=True, eq=False, repr=False)
+class AdmittanceCertificate(HandleVerdict):
+    """Whether an admittance law may run on its device, by how much, where its limits are, and what would help.
+
+    Attributes:
+        problem: device, hands and contact, with the law that is judged.
+        mass_range_kg: the virtual masses that are stable with this damping; None where none is, or where limits were
+            not looked for.
+        damping_range_ns_per_m: the dampings that are stable with this mass; likewise.
+        noise_m_per_s: rms of the commanded velocity at rest, of the noise and the steps of the sensor.
+        drift_m_per_s: velocity at rest of a reading that is one step of the sensor off; infinite without damping, 0 on
+            a spring.
+        remedies: single changes that make it sound; None where none was looked for.
+
+    Example:
+        >>> avc.certify_admittance("admittance/cobot", remedies=False).stable
+        True
+    """
+
+    problem: AdmittanceProblem
+    law: VirtualImpedance
+    mass_range_kg: Interval | None
+    damping_range_ns_per_m: Interval | None
+    noise_m_per_s: float
+    drift_m_per_s: float
+    remedies: tuple[AdmittanceRemedy, ...] | None
+
+    @property
+    def cause(self) -> str:
+        """Which number of an unstable law is beyond which limit."""
         if not self.limited:
             return f"it swings at {self.worst.frequency_hz:.3g} Hz"
         unit = self.problem.units.unit

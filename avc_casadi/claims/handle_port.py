@@ -23,10 +23,10 @@ import numpy as np
 from avc_casadi._util.arrays import ComplexArray, FloatArray
 from avc_casadi.loops.handle import plants_of
 from avc_casadi.loops.margins import OpenLoop
-from avc_casadi.model.admittance import AdmittanceDevice
-from avc_casadi.model.driven import driven_plant, sensor_row
+from avc_casadi.model.driven import driven_plant, handle_pull, position_row, sensor_row
 from avc_casadi.model.hands import Hand
 from avc_casadi.model.law import Law
+from avc_casadi.model.sensed import SensorDevice
 
 _ROUNDING = 1e-9
 """Re Z above minus this share of |Z| is none: rounding."""
@@ -57,7 +57,7 @@ class HandlePassivity:
 class HandlePort:
     """The released loop of a law on a device without ranges, as a hand at the handle meets it."""
 
-    def __init__(self, device: AdmittanceDevice, law: Law) -> None:
+    def __init__(self, device: SensorDevice, law: Law) -> None:
         nothing = Hand(*(np.zeros(1) for _ in range(3)))
         self.device = device
         self.law = law
@@ -66,19 +66,19 @@ class HandlePort:
 
     def impedance(self, turns: FloatArray) -> ComplexArray:
         """Return Z, N.s/m, where the push turns by these angles in a sample."""
-        device, size = self.device, self.plant.states
-        pull = np.zeros(size)
-        pull[-1] = 1 / device.force_sensor.handle_mass_kg
-        inputs = np.stack([pull, self.plant.force[0]], axis=-1)
-        pencil = (1j * turns / device.sample_time_s)[:, None, None] * np.eye(size) - self.plant.matrix[0]
+        device, names, size = self.device, self.plant.names, self.plant.states
+        pull = handle_pull(device, names)
+        inputs = np.stack([pull, self.plant.force.reshape(size)], axis=-1)
+        pencil = (1j * turns / device.sample_time_s)[:, None, None] * np.eye(size) - self.plant.matrix.reshape(size, -1)
         states = np.linalg.solve(pencil, np.broadcast_to(inputs, (*pencil.shape[:-1], 2)).astype(np.complex128))
+        pushed, commanded = states[..., 0], states[..., 1]
         z = np.exp(1j * turns)
-        measured = self.law.transfer(z) * states[:, 0, 0] + self.law.transfer(z, 1) * (
-            sensor_row(device) @ states[..., 0].T
-        )
+        measured = self.law.transfer(z) * (pushed @ position_row(device, names))
+        measured = measured + self.law.transfer(z, 1) * (pushed @ sensor_row(device, names))
         command = measured / (1 + self.loop.gain(turns)[0])
         held = -np.expm1(-1j * turns) / (1j * turns) * np.exp(-1j * turns * device.delay_samples)
-        return np.asarray(1 / (states[:, -1, 0] + states[:, -1, 1] * held * command))
+        speed = (pushed + commanded * (held * command)[:, None]) @ (pull > 0)
+        return np.asarray(1 / speed)
 
     def passivity(self) -> HandlePassivity:
         """Return whether Re Z >= 0, and from which frequency not, by a scan that is dense at poles and bisection."""
@@ -99,7 +99,7 @@ class HandlePort:
         return np.asarray(impedance.real < -_ROUNDING * np.abs(impedance))
 
 
-def passivity(devices: Iterable[AdmittanceDevice], law: Law) -> HandlePassivity:
+def passivity(devices: Iterable[SensorDevice], law: Law) -> HandlePassivity:
     """Return the least passive of devices at the corners of their ranges."""
     judged = [HandlePort(device, law).passivity() for device in devices]
     return HandlePassivity(all(port.released_stable for port in judged), min(port.from_hz for port in judged))

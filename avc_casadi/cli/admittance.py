@@ -1,4 +1,4 @@
-"""What verbs do with an admittance device, whose file says drive = "velocity" in [device]."""
+"""What verbs do with a device with a force sensor: an admittance device, or one that is commanded a force."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import argparse
 import avc_casadi as avc
 from avc_casadi.cli import arguments as cli
 from avc_casadi.cli.console import Console, write_figure
-from avc_casadi.files.admittance_file import dump_admittance
+from avc_casadi.files.admittance_file import dump_admittance, load_sensor_problem
 from avc_casadi.present import rows
 from avc_casadi.present.row import Answer
 
@@ -19,14 +19,21 @@ _OF_FORCES = f"is an option of devices that are commanded a force; an admittance
 
 def checked(source: str) -> Answer:
     """Return the answer of `check`."""
-    problem = avc.load_admittance(source)
+    problem = load_sensor_problem(source)
+    if isinstance(problem, avc.ForceFeedbackProblem):
+        return rows.force_feedback.checked(problem, source)
     return rows.admittance.checked(problem, rows.admittance.doubts_of(problem), source)
 
 
 def certified(args: argparse.Namespace, console: Console) -> Answer:
     """Return the answer of `certify` of the law of the file, or of that with values that are typed."""
-    cli.refuse(args, "gains", "prove", "proof_out", "b_p", "ki", "velocity", "notch", why=_OF_FORCES)
-    problem = avc.load_admittance(args.problem)
+    problem = load_sensor_problem(args.problem)
+    others = ("gains", "prove", "proof_out", "b_p", "ki", "velocity", "notch")
+    if isinstance(problem, avc.ForceFeedbackProblem):
+        cli.refuse(args, *others, *_LAW, why="is no option of a device with a force sensor; state its law in [law]")
+        with console.step("force feedback"):
+            return rows.force_feedback.certificate(avc.certify_force_feedback(problem), args.problem)
+    cli.refuse(args, *others, why=_OF_FORCES)
     typed = {key: getattr(args, option) for option, key in _LAW.items() if getattr(args, option) is not None}
     with console.step("admittance law"):
         return rows.admittance.certificate(avc.certify_admittance(problem, law=typed, progress=console), args.problem)

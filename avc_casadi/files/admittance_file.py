@@ -1,4 +1,8 @@
-"""An admittance device from its file, a catalogue name or tables: `drive = "velocity"` in [device] makes it one."""
+"""A device with a force sensor from its file, a catalogue name or tables.
+
+`drive = "velocity"` in [device] makes it an admittance device; a device that is commanded a force has force feedback
+where it has a force sensor.
+"""
 
 from __future__ import annotations
 
@@ -12,32 +16,50 @@ from avc_casadi.files.border import Border
 from avc_casadi.files.catalogue import ADMITTANCE, admittance_names, require_source
 from avc_casadi.files.toml import KeyLines, tables_of, text_of, toml_lines
 from avc_casadi.model.admittance import AdmittanceProblem
-from avc_casadi.model.table import dotted, refused, shown
+from avc_casadi.model.sensed import ForceFeedbackProblem, SensorProblem
+from avc_casadi.model.table import Finding, dotted, refused, shown
 
 AnyAdmittance = AdmittanceProblem | str | Path | Mapping[str, Any]
 """An admittance problem, a path or a name as `load_admittance` takes it, or the tables of such a file as a dict."""
 
+AnyForceFeedback = ForceFeedbackProblem | str | Path | Mapping[str, Any]
+"""The same of a device with a force sensor that is commanded a force."""
+
 VERBS = "check, certify, recommend, explore, trial, zwidth and export"
 """Commands that know admittance devices."""
+_SENSORS = ("force_sensor", "torque_sensor")
+_OF_FORCE = "is commanded a force and has a force sensor: check and certify know it, nothing else does"
 
 
 def states_drive(tables: Mapping[str, Any]) -> bool:
-    """Return whether tables are those of a device whose drive follows a velocity."""
+    """Return whether tables are those of a device with a force sensor, or with a drive that follows a motion."""
+    return _model_of(tables) is not None
+
+
+def _model_of(tables: Mapping[str, Any]) -> type[AdmittanceProblem | ForceFeedbackProblem] | None:
+    """Return what tables are read as; None: a device that is commanded a force, without a sensor."""
     device = tables.get("device")
-    return isinstance(device, Mapping) and "drive" in device
+    if not isinstance(device, Mapping):
+        return None
+    if device.get("drive", "force") != "force":
+        return AdmittanceProblem
+    return ForceFeedbackProblem if any(key in device for key in _SENSORS) else None
 
 
 def refuse_admittance(tables: Mapping[str, Any], file: str) -> None:
-    """Refuse an admittance device where a device is commanded a force."""
-    if states_drive(tables) and tables["device"]["drive"] != "force":
+    """Refuse a device with a force sensor where any other is commanded a force."""
+    model = _model_of(tables)
+    if model is AdmittanceProblem:
         fact = f"{file}: device.drive is {shown(tables['device']['drive'])}"
         raise UnsupportedError(f"{fact}: {VERBS} know such an admittance device, nothing else does", key="")
+    if model is ForceFeedbackProblem:
+        raise UnsupportedError(f"{file}: the device {_OF_FORCE}", key="")
 
 
 def is_admittance(source: object) -> bool:
-    """Return whether a name or a file is that of an admittance device; what cannot be read is none."""
-    if isinstance(source, AdmittanceProblem | Mapping):
-        return isinstance(source, AdmittanceProblem) or states_drive(source)
+    """Return whether a name or a file is that of a device with a force sensor; what cannot be read is none."""
+    if isinstance(source, AdmittanceProblem | ForceFeedbackProblem | Mapping):
+        return not isinstance(source, Mapping) or states_drive(source)
     if not isinstance(source, str | Path) or str(source) in admittance_names():
         return isinstance(source, str | Path)
     try:
@@ -62,10 +84,22 @@ def load_admittance(source: str | Path) -> AdmittanceProblem:
         >>> avc.load_admittance("admittance/cobot").device.drive
         'velocity'
     """
+    return _of_velocity(load_sensor_problem(source), str(source))
+
+
+def load_sensor_problem(source: str | Path) -> SensorProblem:
+    """Load the file of a device with a force sensor, or one of the catalogue by name."""
     require_source(source, f"the path of a file, or a name such as {ADMITTANCE}cobot")
     path = admittance_names().get(str(source), Path(source))
     name = str(source) if str(source) in admittance_names() else path.stem
-    return parse_admittance(text_of(path), file=str(source), name=name)
+    return _parsed(text_of(path), str(source), name)
+
+
+def _of_velocity(problem: SensorProblem, file: str) -> AdmittanceProblem:
+    """Return an admittance problem, or refuse that of a device that is commanded a force."""
+    if isinstance(problem, ForceFeedbackProblem):
+        raise UnsupportedError(f"{file}: the device {_OF_FORCE}", key="")
+    return problem
 
 
 def parse_admittance(text: str, *, file: str = "problem.toml", name: str = "") -> AdmittanceProblem:
@@ -79,9 +113,12 @@ def parse_admittance(text: str, *, file: str = "problem.toml", name: str = "") -
         Traceback (most recent call last):
         avc_casadi._errors.InputError: ...
     """
-    tables = tables_of(text, file)
-    result = _of_tables(tables, name)
-    if isinstance(result, AdmittanceProblem):
+    return _of_velocity(_parsed(text, file, name), file)
+
+
+def _parsed(text: str, file: str, name: str) -> SensorProblem:
+    result = _of_tables(tables_of(text, file), name)
+    if not isinstance(result, list):
         return result
     lines = KeyLines(text)
     faults = [Fault(file, lines[path], dotted(path), message) for path, message in result]
@@ -90,29 +127,43 @@ def parse_admittance(text: str, *, file: str = "problem.toml", name: str = "") -
 
 def as_admittance(problem: AnyAdmittance) -> AdmittanceProblem:
     """Return an admittance problem unchanged, or load its file or name, or make it of its tables."""
-    if isinstance(problem, AdmittanceProblem):
+    return _of_velocity(_as_sensor_problem(problem), "the problem")
+
+
+def as_force_feedback(problem: AnyForceFeedback) -> ForceFeedbackProblem:
+    """Return a problem of force feedback unchanged, or load its file or name, or make it of its tables."""
+    stated = _as_sensor_problem(problem)
+    if isinstance(stated, AdmittanceProblem):
+        fact = f"{stated.name or 'the problem'}: device.drive is {shown(stated.device.drive)}"
+        raise UnsupportedError(f"{fact}: avc.certify_admittance judges such an admittance device", key="")
+    return stated
+
+
+def _as_sensor_problem(problem: AnyAdmittance | AnyForceFeedback) -> SensorProblem:
+    if isinstance(problem, AdmittanceProblem | ForceFeedbackProblem):
         return problem
     if isinstance(problem, str | Path):
-        return load_admittance(problem)
+        return load_sensor_problem(problem)
     if not isinstance(problem, Mapping):
         allowed = "allowed: an admittance problem, its path or name, or its tables as a dict"
         raise InputError.of(f"is {shown(problem)}; {allowed}", key="problem")
     result = _of_tables(plain(dict(problem)), "")
-    if isinstance(result, AdmittanceProblem):
+    if not isinstance(result, list):
         return result
     raise refused(result, "problem")
 
 
-def _of_tables(tables: Mapping[str, Any], name: str) -> AdmittanceProblem | list[Any]:
+def _of_tables(tables: Mapping[str, Any], name: str) -> SensorProblem | list[Finding]:
     device = tables.get("device")
     if isinstance(device, Mapping) and "from" in device:
-        return [(("device", "from"), "is not supported for an admittance device; state all values in [device]")]
+        why = "is not supported for a device with a force sensor; state all values in [device]"
+        return [(("device", "from"), why)]
     if isinstance(device, Mapping) and device.get("drive") == "position":
         allowed = 'allowed: "velocity"; for a drive that follows a position, state how it follows a changing position'
         return [(("device", "drive"), f'is "position"; {allowed}')]
     border = Border()
     border.read(tables, *border.device_table(tables.get("device"), {}))
-    return border.checked(AdmittanceProblem, name)
+    return border.checked(_model_of(tables) or AdmittanceProblem, name)
 
 
 def dump_admittance(problem: AdmittanceProblem) -> str:

@@ -189,6 +189,13 @@ def parse_problem(text: str, *, file: str = "problem.toml", name: str = "", fold
 def _of_tables(tables: Mapping[str, Any], file: str, name: str, folder: Path | None) -> Problem | list[Finding]:
     """Return the problem of the tables of a file, or all faults, each at its path in the file."""
     refuse_admittance(tables, file)
+    law, device = tables.get("law"), tables.get("device")
+    for key in ("force_feedback", "torque_feedback"):
+        if isinstance(law, Mapping) and key in law:
+            return [(("law", key), "is the feedback of a force sensor; give [device.force_sensor], or leave it out")]
+    if isinstance(device, Mapping) and device.get("drive") == "force":
+        # What every device without a force sensor is commanded.
+        tables = {**tables, "device": {key: value for key, value in device.items() if key != "drive"}}
     if "sources" in tables and "environment" not in tables:
         message = f'is a device; allowed: a problem file with device = "{Path(file).name}" and a wall, [environment]'
         raise InputError.of(message, file=file)

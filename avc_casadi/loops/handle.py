@@ -1,4 +1,4 @@
-"""The loops of an admittance device: what its handle may carry, and the worst of it for any measure of a loop.
+"""The loops of a device with a force sensor: what its handle may carry, and the worst of it for any measure of a loop.
 
 A handle is released, held by a hand, pressed against a contact by a hand, or leans on a contact alone. Its loop depends
 on the sums alone: a mass, a damper and a spring to ground beyond the sensor. Each side is a box of these sums, with the
@@ -22,17 +22,18 @@ from avc_casadi.loops.loop import Body
 from avc_casadi.loops.plant_family import RADIUS_TOLERANCE, Measure
 from avc_casadi.loops.search import Box, Ranges, worst_point
 from avc_casadi.loops.wall import closed
-from avc_casadi.model.admittance import AdmittanceDevice, AdmittanceProblem, Contact
+from avc_casadi.model.admittance import Contact
 from avc_casadi.model.driven import sampled_drive
 from avc_casadi.model.hands import Hand, hand_ranges
 from avc_casadi.model.law import Law
 from avc_casadi.model.plant import SampledPlant
 from avc_casadi.model.problem import Hands
+from avc_casadi.model.sensed import SensorDevice, SensorProblem
 
 Handle = Literal["held", "pressed", "leaning", "released"]
 """What the handle carries: a hand, a hand and a contact, a contact, nothing."""
 
-Pair = tuple[AdmittanceDevice, Hand]
+Pair = tuple[SensorDevice, Hand]
 """A device without ranges, and the sums that its handle carries."""
 
 _CARRIED = ("mass_kg", "damping_ns_per_m", "stiffness_n_per_m")
@@ -62,7 +63,7 @@ class WorstHandle:
     """
 
     value: complex
-    device: AdmittanceDevice
+    device: SensorDevice
     hand: dict[str, float]
 
     @property
@@ -86,7 +87,7 @@ class HandleSide:
     """A device with its ranges, and the ranges of a hand and of a contact at its handle; all 0 where there is none."""
 
     handle: Handle
-    device: AdmittanceDevice
+    device: SensorDevice
     hand: tuple[Interval, Interval, Interval]
     contact: tuple[Interval, Interval, Interval]
 
@@ -100,7 +101,7 @@ class HandleSide:
         return sums
 
     @cached_property
-    def devices(self) -> list[AdmittanceDevice]:
+    def devices(self) -> list[SensorDevice]:
         """The devices at the corners of the declared ranges, each without ranges."""
         ends = {key: tuple(sorted(set(interval))) for key, interval in self.device.ranges.items()}
         return [self.device.with_values(**dict(zip(ends, ends_of, strict=True))) for ends_of in product(*ends.values())]
@@ -199,7 +200,7 @@ class HandleSide:
         device, hand = corners[worst]
         return WorstHandle(complex(at_corners[worst]), device, hand.values(0))
 
-    def _device_at(self, values: Mapping[str, float]) -> AdmittanceDevice:
+    def _device_at(self, values: Mapping[str, float]) -> SensorDevice:
         return self.device.with_values(**{key: values[key] for key in self.device.ranges})
 
     def _plants_at(self, values: Mapping[str, FloatArray]) -> SampledPlant:
@@ -226,16 +227,16 @@ class HandleSide:
 class HandleFamily:
     """A device with all that its handle may carry: the plants that a law must be stable with."""
 
-    device: AdmittanceDevice
+    device: SensorDevice
     sides: tuple[HandleSide, ...]
 
     @classmethod
-    def of(cls, problem: AdmittanceProblem) -> HandleFamily:
+    def of(cls, problem: SensorProblem) -> HandleFamily:
         """Return the plants of a problem."""
         return cls.between(problem.device, problem.hands, problem.contact)
 
     @classmethod
-    def between(cls, device: AdmittanceDevice, hands: Hands, contact: Contact) -> HandleFamily:
+    def between(cls, device: SensorDevice, hands: Hands, contact: Contact) -> HandleFamily:
         """Return a device with hands and contacts of ranges."""
         sides = [HandleSide("held", device, _ranges_of(hands), _NOTHING)]
         if contact.touches:
@@ -243,7 +244,7 @@ class HandleFamily:
         return cls(device, (*sides, HandleSide("released", device, _NOTHING, _NOTHING)))
 
     @staticmethod
-    def touching(device: AdmittanceDevice, hands: Hands, contact: Contact) -> list[HandleSide]:
+    def touching(device: SensorDevice, hands: Hands, contact: Contact) -> list[HandleSide]:
         """Return the sides with a contact: with a hand that presses the handle against it, and without."""
         touched = ((0.0, 0.0), contact.damping_ns_per_m, contact.stiffness_n_per_m)
         pressed = HandleSide("pressed", device, _ranges_of(hands), touched)

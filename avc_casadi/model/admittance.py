@@ -225,28 +225,24 @@ class AdmittanceLaw(t.Table):
     admittance: VirtualImpedance
 
 
-class AdmittanceProblem(t.Table):
-    """An admittance device with its law, its hands and what its handle may touch, as in a file.
+class HandledProblem(t.Table):
+    """A device with a force sensor, its law, its hands and what its handle may touch, as in a file.
 
     Attributes:
         name: catalogue name or file stem.
         title: one line for figures and reports.
         source: origin of the values; states which are assumed.
-        device: with `drive = "velocity"` and its `force_sensor`.
+        device: with its `force_sensor`.
         law: what runs today, or None.
         hands: the range of hands at the handle; the released device is judged in addition.
         contact: what the handle may touch, with a hand or without.
-
-    Example:
-        >>> avc.load_admittance("admittance/cobot").law.admittance.mass_kg
-        12.0
     """
 
     name: t.Text = ""
     title: t.Text = ""
     source: t.Text = ""
-    device: AdmittanceDevice
-    law: AdmittanceLaw | None = None
+    device: HandledDevice
+    law: t.Table | None = None
     hands: Hands = Hands()
     contact: Contact = Contact()
 
@@ -255,7 +251,7 @@ class AdmittanceProblem(t.Table):
     def _with_defaults(cls, tables: Any) -> Any:
         """Fill in the hands of a device that turns: the usual ones, at its handle."""
         device = tables.get("device") if isinstance(tables, dict) else None
-        if isinstance(device, AdmittanceDevice):
+        if isinstance(device, HandledDevice):
             device = device.model_dump()
         hands = tables.get("hands", {}) if isinstance(device, dict) else None
         if not isinstance(hands, dict) or device is None or device.get("motion") != "rotary":
@@ -286,6 +282,22 @@ class AdmittanceProblem(t.Table):
         """Return the problem with some keys changed, validated as a file is: by table, a dict of keys or a value."""
         whole = self.model_dump(exclude_unset=True)
         return t.valid(type(self), _merged(whole, tables), self.name or "problem", self.name)
+
+
+class AdmittanceProblem(HandledProblem):
+    """An admittance device with its law, its hands and what its handle may touch, as in a file.
+
+    Attributes:
+        device: with `drive = "velocity"`.
+        law: what runs today, or None.
+
+    Example:
+        >>> avc.load_admittance("admittance/cobot").law.admittance.mass_kg
+        12.0
+    """
+
+    device: AdmittanceDevice
+    law: AdmittanceLaw | None = None
 
     def __repr__(self) -> str:
         device, unit = self.device, self.units.unit

@@ -282,7 +282,7 @@ class ControlLaw(t.Table):
         if self.integral_limit_n is not None and not self.integral_n_per_m_s:
             why = "needs an integral; give integral_n_per_m_s"
             yield ("integral_limit_n",), f"is {t.shown(self.integral_limit_n)}, which {why}"
-        if self.friction_compensation is None and not any(getattr(self, key) for key in _GAINS):
+        if not self.acts:
             yield (
                 (_GAINS[0],),
                 f"is 0, and so is every other gain; allowed: at least one other than 0, of {', '.join(_GAINS)}",
@@ -290,6 +290,11 @@ class ControlLaw(t.Table):
         if self.integral_n_per_m_s and not self.stiffness_n_per_m:
             why = "needs a spring, because an integral alone is unstable; give stiffness_n_per_m"
             yield ("integral_n_per_m_s",), f"is {t.shown(self.integral_n_per_m_s)}, and {why}"
+
+    @property
+    def acts(self) -> bool:
+        """Whether it gives any force."""
+        return self.friction_compensation is not None or any(getattr(self, key) for key in _GAINS)
 
     def faults_beside(self, device: Device, lightest_kg: float) -> Iterator[t.Finding]:
         """Yield what of the law a device cannot run or bear; `lightest_kg` is what moves at least."""

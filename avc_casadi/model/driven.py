@@ -1,4 +1,4 @@
-"""The plant of an admittance device: drive, sensor and handle, and what the handle carries, in discrete time."""
+"""The plant of a device with a force sensor: drive, sensor and handle, and what that carries, in discrete time."""
 
 from __future__ import annotations
 
@@ -10,13 +10,37 @@ import numpy as np
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi.model.admittance import AdmittanceDevice
 from avc_casadi.model.hands import Hand
-from avc_casadi.model.plant import DEVICE, HANDLE, LinearPlant, SampledPlant, discretised
+from avc_casadi.model.plant import DEVICE, HANDLE, LinearPlant, SampledPlant, device_plant, discretised
+from avc_casadi.model.sensed import SensedDevice, SensorDevice
 
 _DRIVE = (f"{DEVICE}_position_m", f"{DEVICE}_velocity_m_per_s", "drive_rate_m_per_s")
 _HANDLE = (f"{HANDLE}_position_m", f"{HANDLE}_velocity_m_per_s")
+LINK = "link"
+"""What carries the sensor of a device beyond a transmission that gives way."""
 
 
-def driven_plant(device: AdmittanceDevice, carried: Hand) -> LinearPlant:
+def driven_plant(device: SensorDevice, carried: Hand) -> LinearPlant:
+    """Return drive, sensor and handle with what it carries; the input is what is commanded."""
+    return sensed_plant(device, carried) if isinstance(device, SensedDevice) else servo_plant(device, carried)
+
+
+def sensed_plant(device: SensedDevice, carried: Hand) -> LinearPlant:
+    """Return device, sensor and handle with what it carries; the input is the commanded force u, against +x.
+
+    Without a resonance and an amplifier, with x of the device's mass m and x_h of the handle:
+
+        m dv/dt = -u - b_d v + f,   f = k_s (x_h - x) + b_s (v_h - v).
+    """
+    sensor = device.force_sensor
+    plant = device_plant(device, beyond=LINK)
+    plant.add_mass(HANDLE, sensor.handle_mass_kg)
+    plant.join(plant.grip, HANDLE, sensor.stiffness_n_per_m, sensor.damping_ns_per_m)
+    plant.grip = HANDLE
+    carried.mechanics(plant)
+    return plant.linear()
+
+
+def servo_plant(device: AdmittanceDevice, carried: Hand) -> LinearPlant:
     """Return drive, sensor and handle with what it carries; the input is the commanded velocity u.
 
     The drive follows whatever pushes, by w = 2 pi f_d: dv/dt = w (u - v), or of second order, with a rate r in m/s,
@@ -56,32 +80,47 @@ def driven_plant(device: AdmittanceDevice, carried: Hand) -> LinearPlant:
     return LinearPlant(names, matrix, force, target, np.zeros_like(force))
 
 
-def sensor_row(device: AdmittanceDevice) -> FloatArray:
+def position_row(device: SensorDevice, names: Sequence[str]) -> FloatArray:
+    """Return the position that the law reads, as a row of the plant's state."""
+    at_handle = isinstance(device, SensedDevice) and device.encoder_at == "handle" and device.resonance is not None
+    return _row(names, f"{LINK if at_handle else DEVICE}_position_m")
+
+
+def sensor_row(device: SensorDevice, names: Sequence[str]) -> FloatArray:
     """Return what the sensor reads, as a row of the plant's state."""
     sensor = device.force_sensor
-    row = np.zeros(3 + device.drive_order)
-    row[0], row[1] = -sensor.stiffness_n_per_m, -sensor.damping_ns_per_m
-    row[-2], row[-1] = sensor.stiffness_n_per_m, sensor.damping_ns_per_m
-    return row
+    carrier = LINK if isinstance(device, SensedDevice) and device.resonance is not None else DEVICE
+    stretch = _row(names, _HANDLE[0]) - _row(names, f"{carrier}_position_m")
+    rate = _row(names, _HANDLE[1]) - _row(names, f"{carrier}_velocity_m_per_s")
+    return sensor.stiffness_n_per_m * stretch + sensor.damping_ns_per_m * rate
 
 
-def sampled_drive(devices: Sequence[AdmittanceDevice], carried: Sequence[Hand]) -> SampledPlant:
+def handle_pull(device: SensorDevice, names: Sequence[str]) -> FloatArray:
+    """Return the rates of the plant's state by a force on the released handle."""
+    return _row(names, _HANDLE[1]) / device.force_sensor.handle_mass_kg
+
+
+def _row(names: Sequence[str], state: str) -> FloatArray:
+    return np.array([float(name == state) for name in names])
+
+
+def sampled_drive(devices: Sequence[SensorDevice], carried: Sequence[Hand]) -> SampledPlant:
     """Discretise devices, each with its own hands or contacts at the handle, exactly.
 
-    The law of such a plant reads the drive's position and the sensor's force, and commands a velocity.
+    The law of such a plant reads the drive's position and the sensor's force, and commands a velocity or a force.
     """
     plants = [driven_plant(device, hand) for device, hand in zip(devices, carried, strict=True)]
     matrix, new, old = discretised(plants, devices)
     names = plants[0].names
-    rows = np.array([sensor_row(device) for device in devices])[:, None]
+    rows = np.array([sensor_row(device, names) for device in devices])[:, None]
     return SampledPlant(
         names=names,
         matrix=matrix,
         new=new,
         old=old,
         whole_delay=np.array([int(device.delay_samples) for device in devices]),
-        output_row=np.array([float(name == _DRIVE[0]) for name in names]),
-        held=np.array([float(name == _HANDLE[0]) for name in names]),
+        output_row=position_row(devices[0], names),
+        held=_row(names, _HANDLE[0]),
         sample_time_s=devices[0].sample_time_s,
         force_row=np.broadcast_to(rows, (*new.shape[:2], len(names))),
     )

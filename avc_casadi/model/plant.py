@@ -72,15 +72,21 @@ class Plant:
         k, b = (np.asarray(value, dtype=np.float64) for value in (stiffness_n_per_m, damping_ns_per_m))
         self._links.append((body, neighbour, k, b))
 
-    def split(self, frequency_hz: float | FloatArray, damping_ratio: float | FloatArray, mass_ratio: float) -> None:
-        """Move a share of the device's mass to a handle on a spring, which the hand then holds."""
+    def split(
+        self,
+        frequency_hz: float | FloatArray,
+        damping_ratio: float | FloatArray,
+        mass_ratio: float,
+        beyond: str = HANDLE,
+    ) -> None:
+        """Move a share of the device's mass to a handle, or another body, on a spring, which the hand then holds."""
         handle = self.mass_kg(DEVICE) * mass_ratio
         self.add_mass(DEVICE, -handle)
-        self.add_mass(HANDLE, handle)
+        self.add_mass(beyond, handle)
         reduced = handle * (1 - mass_ratio)
         omega = 2 * math.pi * frequency_hz
-        self.join(DEVICE, HANDLE, reduced * omega**2, 2 * damping_ratio * omega * reduced)
-        self.grip = HANDLE
+        self.join(DEVICE, beyond, reduced * omega**2, 2 * damping_ratio * omega * reduced)
+        self.grip = beyond
 
     def linear(self) -> LinearPlant:
         """Assemble the equations of motion."""
@@ -195,14 +201,19 @@ class Mode:
     mass_ratio: float
 
 
-def device_plant(device: Device, hand: Mechanics | None = None, mode: Mode | None = None) -> Plant:
-    """Return motor, handle and amplifier of a device, and the hand that holds it, as a continuous plant."""
+def device_plant(
+    device: Device, hand: Mechanics | None = None, mode: Mode | None = None, beyond: str = HANDLE
+) -> Plant:
+    """Return motor, handle and amplifier of a device, and the hand that holds it, as a continuous plant.
+
+    `beyond` names the body beyond a resonance.
+    """
     plant = Plant()
     plant.add_mass(DEVICE, device.mass_kg)
     plant.join(DEVICE, GROUND, 0.0, device.damping_ns_per_m)
     split = device.resonance if mode is None else mode
     if split is not None:
-        plant.split(split.frequency_hz, split.damping_ratio, split.mass_ratio)
+        plant.split(split.frequency_hz, split.damping_ratio, split.mass_ratio, beyond)
     if hand is not None:
         hand.mechanics(plant)
     if device.amplifier_bandwidth_hz is not None:

@@ -4,7 +4,7 @@ import pytest
 
 import avc_casadi as avc
 from avc_casadi.cli import main
-from avc_casadi.files.admittance_file import dump_admittance, is_admittance, parse_admittance
+from avc_casadi.files.admittance_file import dump_admittance, is_admittance, load_sensor_problem, parse_admittance
 from avc_casadi.files.catalogue import admittance_names
 
 ARM = """
@@ -62,7 +62,8 @@ def test_what_is_written_is_read_again(text):
 @pytest.mark.parametrize("name", admittance_names())
 def test_those_of_the_catalogue_are_read_and_deployable(name):
     assert is_admittance(name)
-    assert avc.certify_admittance(name, remedies=False).passed
+    lightened = isinstance(load_sensor_problem(name), avc.ForceFeedbackProblem)
+    assert (avc.certify_force_feedback(name) if lightened else avc.certify_admittance(name, remedies=False)).passed
 
 
 @pytest.mark.parametrize(
@@ -103,7 +104,6 @@ def test_a_fault_of_a_device_that_turns_has_its_keys():
         "run P",
         "compare P",
         "simulate P",
-        "explore P",
         "accuracy P",
         "firmware P --board f446re --out x",
         "excite P --out log.csv",
@@ -137,3 +137,108 @@ def test_check_and_certify_know_it(tmp_path, monkeypatch, capsys):
     assert "unstable: " in capsys.readouterr().out
     assert main(["certify", "arm.toml", "--ki", "2"]) == 2
     assert "an admittance law is --virtual-mass, --b, --k and --cutoff-hz" in capsys.readouterr().err
+
+
+RAIL = """
+[device]
+mass_kg = 4
+damping_ns_per_m = 8
+sample_time_s = "2 kHz"
+delay_samples = 1
+[device.force_sensor]
+stiffness_n_per_m = "20 N/mm"
+damping_ratio = 0.2
+handle_mass_kg = "300 g"
+[law]
+force_feedback = { gain = 1, cutoff_hz = 200 }
+damping_ns_per_m = 20
+"""
+
+
+def rail(tmp_path, old="", new=""):
+    path = tmp_path / "rail.toml"
+    path.write_text(RAIL.replace(old, new) if old else RAIL, encoding="utf-8")
+    return path
+
+
+def test_a_force_sensor_makes_a_device_one_with_force_feedback(tmp_path):
+    read = load_sensor_problem(rail(tmp_path))
+    assert read.device.drive == "force"
+    assert read.device.sample_time_s == pytest.approx(5e-4)
+    assert read.law.gain == 1.0
+    assert read.apparent_mass_kg == 2.0
+    path = tmp_path / "again.toml"
+    path.write_text(dump_admittance(read), encoding="utf-8")
+    again = load_sensor_problem(path)
+    assert (again.device, again.law) == (read.device, read.law)
+
+
+def test_one_that_turns_has_its_keys_and_hands(tmp_path):
+    path = tmp_path / "knob.toml"
+    path.write_text(
+        """[device]
+motion = "rotary"
+handle_radius_m = 0.1
+inertia_kgm2 = 0.01
+damping_nms_per_rad = 0.05
+[device.torque_sensor]
+stiffness_nm_per_rad = 200
+handle_inertia_kgm2 = 0.001
+[law]
+torque_feedback = { gain = 1.0 }
+""",
+        encoding="utf-8",
+    )
+    read = load_sensor_problem(path)
+    assert read.device.force_sensor.handle_mass_kg == 0.001
+    assert read.law.gain == 1.0
+    assert read.hands.stiffness_n_per_m == pytest.approx((200 * 0.1**2, 800 * 0.1**2))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "fault"),
+    [
+        ("gain = 1,", "gain = -1,", "law.force_feedback.gain: is -1"),
+        ("damping_ns_per_m = 20", "dead_zone_m = 1e-3\nstiffness_n_per_m = 9", "law.dead_zone_m: is not judged"),
+        ("damping_ns_per_m = 20", "rate_divider = 2", "law.rate_divider: is not judged"),
+        ("mass_kg = 4", "mass_kg = 0", "device.mass_kg: is 0; allowed: above 0"),
+        ("delay_samples = 1", "delay_samples = 40", "device.delay_samples: is above 32"),
+        ("[device]", '[device]\nfrom = "knob"', "device.from: is not supported for a device with a force sensor"),
+    ],
+)
+def test_a_fault_of_force_feedback_names_its_key(tmp_path, old, new, fault):
+    with pytest.raises(avc.InputError, match=fault):
+        load_sensor_problem(rail(tmp_path, old, new))
+
+
+def test_force_feedback_without_a_sensor_is_refused_and_a_plain_device_may_state_its_drive():
+    plain = '[device]\ndrive = "force"\nmass_kg = 4\ndamping_ns_per_m = 8\n[law]\n'
+    assert avc.parse_problem(f"{plain}stiffness_n_per_m = 10").device.mass_kg == 4.0
+    with pytest.raises(avc.InputError, match=r"law.force_feedback: is the feedback of a force sensor; give"):
+        avc.parse_problem(f"{plain}force_feedback = {{ gain = 1.0 }}")
+
+
+@pytest.mark.parametrize(
+    "command", ["recommend P", "zwidth P", "simulate P", "explore P", "trial P", "export P --c x", "solve P", "run P"]
+)
+def test_verbs_that_do_not_know_force_feedback_refuse_it(command, tmp_path, monkeypatch, capsys):
+    rail(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    assert main(command.replace("P", "rail.toml", 1).split()) == 2
+    assert "has a force sensor: check and certify know it, nothing else does" in capsys.readouterr().err
+    for call in (avc.recommend, avc.certify_law, avc.certify_admittance, avc.load_admittance):
+        with pytest.raises(avc.UnsupportedError, match="check and certify know it"):
+            call("rail.toml")
+    with pytest.raises(avc.UnsupportedError, match=r"avc.certify_admittance judges such"):
+        avc.certify_force_feedback("admittance/cobot")
+
+
+def test_check_and_certify_know_force_feedback(tmp_path, monkeypatch, capsys):
+    rail(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    assert main(["check", "rail.toml"]) == 0
+    assert "force feedback 1, force below 200 Hz" in capsys.readouterr().out
+    assert main(["certify", "rail.toml"]) == 0
+    assert "apparent mass 2.00 kg of 4.00 kg" in capsys.readouterr().out
+    assert main(["certify", "rail.toml", "--k", "2"]) == 2
+    assert "state its law in [law]" in capsys.readouterr().err

@@ -32,6 +32,21 @@ class PlainDevice:
     hand_damping: float = 0.0
     hand_n_per_m: float = 0.0
 
+    size = 5
+    """Entries of a motion: position, velocity and acceleration of the drive, position and velocity of the handle."""
+    remembers = 2
+    """What the law remembers: the filtered force, and its command."""
+
+    @property
+    def fastest_hz(self):
+        """The fastest lag, which the steps of a simulation follow."""
+        return self.drive_hz
+
+    @property
+    def kept(self):
+        """The entries that are states: the acceleration of a drive of first order is none."""
+        return [0, 1, 3, 4] if self.order == 1 else [0, 1, 2, 3, 4]
+
     @classmethod
     def of(cls, problem, hand_kg=0.0, hand_damping=0.0, hand_n_per_m=0.0):
         """Return the numbers of a problem, with what its handle carries."""
@@ -83,33 +98,115 @@ class PlainDevice:
         return filtered, velocity
 
 
+@dataclass(frozen=True)
+class PlainForceDevice:
+    """Numbers of a device that is commanded a force, with a sensor before its handle, and of a law with force feedback.
+
+    A motion is position and velocity of the motor, its force behind the amplifier, position and velocity of what lies
+    beyond a transmission, and of the handle.
+    """
+
+    sample_s: float
+    device_kg: float
+    device_damping: float
+    sensor_n_per_m: float
+    sensor_ratio: float
+    handle_kg: float
+    late_samples: float
+    gain: float
+    cutoff_hz: float | None = None
+    spring_n_per_m: float = 0.0
+    damper: float = 0.0
+    amplifier_hz: float | None = None
+    mode_hz: float | None = None
+    mode_ratio: float = 0.0
+    mode_share: float = 0.0
+    hand_kg: float = 0.0
+    hand_damping: float = 0.0
+    hand_n_per_m: float = 0.0
+
+    size = 7
+    remembers = 3
+
+    @classmethod
+    def of(cls, problem, hand_kg=0.0, hand_damping=0.0, hand_n_per_m=0.0):
+        """Return the numbers of a problem of a law of spring, damper and force, with what its handle carries."""
+        device, sensor, law = problem.device, problem.device.force_sensor, problem.law
+        mode = device.resonance
+        return cls(
+            sample_s=device.sample_time_s,
+            device_kg=device.mass_kg,
+            device_damping=device.damping_ns_per_m,
+            sensor_n_per_m=sensor.stiffness_n_per_m,
+            sensor_ratio=sensor.damping_ratio,
+            handle_kg=sensor.handle_mass_kg,
+            late_samples=device.delay_samples,
+            gain=law.force_feedback.gain,
+            cutoff_hz=law.force_feedback.cutoff_hz,
+            spring_n_per_m=law.stiffness_n_per_m,
+            damper=law.damping_ns_per_m + law.local_damping_ns_per_m,
+            amplifier_hz=device.amplifier_bandwidth_hz,
+            mode_hz=mode and mode.frequency_hz,
+            mode_ratio=mode.damping_ratio if mode else 0.0,
+            mode_share=mode.mass_ratio if mode else 0.0,
+            hand_kg=hand_kg,
+            hand_damping=hand_damping,
+            hand_n_per_m=hand_n_per_m,
+        )
+
+    @property
+    def fastest_hz(self):
+        """The fastest lag, which the steps of a simulation follow."""
+        return max(self.amplifier_hz or 0.0, self.mode_hz or 0.0)
+
+    @property
+    def kept(self):
+        """The entries that are states."""
+        amplifier, mode = [2] if self.amplifier_hz else [], [3, 4] if self.mode_hz else []
+        return [0, 1, *amplifier, *mode, 5, 6]
+
+    def _carrier(self, motion):
+        return motion[3:5] if self.mode_hz else motion[:2]
+
+    def force(self, motion):
+        """Return the force of the sensor."""
+        x, v = self._carrier(motion)
+        damper = 2 * self.sensor_ratio * math.sqrt(self.sensor_n_per_m * self.handle_kg)
+        return self.sensor_n_per_m * (motion[5] - x) + damper * (motion[6] - v)
+
+    def rates(self, motion, command):
+        """Return the time derivatives; a command pushes against +x."""
+        pull = self.force(motion)
+        force, dforce = -command, 0.0 * command
+        if self.amplifier_hz:
+            force, dforce = motion[2], 2 * math.pi * self.amplifier_hz * (-command - motion[2])
+        moved = self.handle_kg + self.hand_kg
+        dhandle = (-pull - self.hand_n_per_m * motion[5] - self.hand_damping * motion[6]) / moved
+        losses = self.device_damping * motion[1]
+        if not self.mode_hz:
+            dv, dlink = (force + pull - losses) / self.device_kg, 0.0 * pull
+        else:
+            link = self.mode_share * self.device_kg
+            motor = self.device_kg - link
+            reduced = motor * link / self.device_kg
+            w = 2 * math.pi * self.mode_hz
+            stretch = reduced * w**2 * (motion[3] - motion[0])
+            stretch = stretch + 2 * self.mode_ratio * w * reduced * (motion[4] - motion[1])
+            dv, dlink = (force + stretch - losses) / motor, (pull - stretch) / link
+        return np.array([motion[1], dv, dforce, motion[4], dlink, motion[6], dhandle])
+
+    def command(self, memory, motion):
+        """Return filtered force, commanded force and position, from those of the sample before."""
+        filtered, _, before = memory
+        share = 1.0 if self.cutoff_hz is None else 1 - math.exp(-2 * math.pi * self.cutoff_hz * self.sample_s)
+        filtered = filtered + share * (self.force(motion) - filtered)
+        spring = self.spring_n_per_m * motion[0] + self.damper * (motion[0] - before) / self.sample_s
+        return filtered, spring - self.gain * filtered, motion[0]
+
+
 def largest_pole(device):
     """Return the spectral radius of the sampled loop; of one that rests anywhere without that pole at 1."""
-    motion = np.array([device.rates(unit, 0.0) for unit in np.eye(5)]).T
-    push = device.rates(np.zeros(5), 1.0)
-
-    def moved(time_s):
-        whole = expm(np.block([[motion, push[:, None]], [np.zeros((1, 6))]]) * time_s)
-        return whole[:5, :5], whole[:5, 5]
-
-    late = int(device.late_samples)
-    part = device.late_samples - late
-    queue = late + 1
-    first, second = moved(part * device.sample_s), moved((1 - part) * device.sample_s)
-
-    def sample(state):
-        """State: five of the motion, two of the law, past commands with the newest first."""
-        body, memory, past = state[:5], state[5:7], state[7:]
-        memory = device.command(memory, body)
-        commands = [memory[1], *past]
-        body = first[0] @ body + first[1] * commands[late + 1 if part else late]
-        body = second[0] @ body + second[1] * commands[late]
-        return np.array([*body, *memory, *commands[:queue]])
-
-    loop = np.array([sample(unit) for unit in np.eye(7 + queue)]).T
-    if device.order == 1:  # its acceleration is no state
-        loop = np.delete(np.delete(loop, 2, axis=0), 2, axis=1)
-    poles = np.linalg.eigvals(loop)
+    poles = np.linalg.eigvals(_sampled(device, 0.0)[0])
     if not device.hand_n_per_m and not device.spring_n_per_m:
         poles = np.delete(poles, np.argmin(np.abs(poles - 1)))
     return float(np.abs(poles).max())
@@ -118,43 +215,60 @@ def largest_pole(device):
 def handle_impedance(device, hz):
     """Return force over velocity of a handle that a hand pushes by exp(s t): at that frequency alone, without aliases.
 
-    The push is a state that grows by s. With z = exp(s T) each sample is z times the one before, which is a linear
-    system of drive, handle, law and past commands; the held commands and the push then move the handle.
+    With z = exp(s T) each sample is z times the one before, which is a linear system of drive, handle, law and past
+    commands; the held commands and the push then move the handle.
     """
-    s, late = 2j * math.pi * hz, int(device.late_samples)
-    part, queue = device.late_samples - late, late + 1
-    kept = [0, 1, 3, 4] if device.order == 1 else [0, 1, 2, 3, 4]  # the acceleration is no state of a first order
-    size = len(kept)
-    motion = np.array([device.rates(unit, 0.0) for unit in np.eye(5)]).T[np.ix_(kept, kept)]
-    push = device.rates(np.zeros(5), 1.0)[kept]
-    pull = np.eye(size)[-1] / device.handle_kg
-    inputs = np.stack([push, pull], axis=1)
-    whole = np.block([[motion, inputs], [np.zeros((1, size + 2))], [np.zeros((1, size + 1)), np.array([[s]])]])
+    s = 2j * math.pi * hz
+    loop, pushed = _sampled(device, s)
+    size = len(device.kept)
+    z = np.exp(s * device.sample_s)
+    state = np.linalg.solve(z * np.eye(len(loop)) - loop, pushed)
+    command = z * state[size + 1]  # of this sample: what the law remembers after it
+    held = (1 - 1 / z) / (s * device.sample_s) * np.exp(-s * device.late_samples * device.sample_s)
+    motion, push, pull = _moving(device)
+    return 1 / np.linalg.solve(s * np.eye(size) - motion, pull + push * held * command)[-1]
+
+
+def _moving(device):
+    """Return the rates of the states by each of them, by the command, and by a push on the handle."""
+    kept = device.kept
+    motion = np.array([device.rates(unit, 0.0) for unit in np.eye(device.size)]).T[np.ix_(kept, kept)]
+    push = device.rates(np.zeros(device.size), 1.0)[kept]
+    return motion, push, np.eye(len(kept))[-1] / (device.handle_kg + device.hand_kg)
+
+
+def _sampled(device, s):
+    """Return the loop over a sample, and what a push exp(s t) on the handle adds to it.
+
+    State: those of the motion, what the law remembers, past commands with the newest first. The push is a further state
+    of the motion, which grows by s.
+    """
+    kept, late = device.kept, int(device.late_samples)
+    part, queue, size = device.late_samples - late, int(device.late_samples) + 1, len(device.kept)
+    motion, push, pull = _moving(device)
+    whole = np.zeros((size + 2, size + 2), dtype=complex)
+    whole[:size] = np.column_stack([motion, push, pull])
+    whole[-1, -1] = s
     first, second = expm(whole * part * device.sample_s), expm(whole * (1 - part) * device.sample_s)
+    laws = slice(size, size + device.remembers)
 
     def sample(state, pushed):
-        """State: drive and handle, two of the law, past commands; pushed: the hand's force."""
-        body = np.zeros(5, dtype=complex)
+        body = np.zeros(device.size, dtype=complex)
         body[kept] = state[:size]
-        memory = device.command(state[size : size + 2], body)
-        commands = [memory[1], *state[size + 2 :]]
+        memory = device.command(state[laws], body)
+        commands = [memory[1], *state[laws.stop :]]
         moved = first @ [*state[:size], commands[late + 1 if part else late], pushed]
         moved = second @ [*moved[:size], commands[late], moved[-1]]
         return np.array([*moved[:size], *memory, *commands[:queue]])
 
-    units = np.eye(size + 2 + queue)
-    loop = np.array([sample(unit, 0.0) for unit in units]).T
-    z = np.exp(s * device.sample_s)
-    state = np.linalg.solve(z * units - loop, sample(0 * units[0], 1.0))
-    command = z * state[size + 1]  # of this sample: what the law remembers after it
-    held = (1 - 1 / z) / (s * device.sample_s) * np.exp(-s * device.late_samples * device.sample_s)
-    return 1 / np.linalg.solve(s * np.eye(size) - motion, pull + push * held * command)[-1]
+    units = np.eye(size + device.remembers + queue)
+    return np.array([sample(unit, 0.0) for unit in units]).T, sample(0 * units[0], 1.0)
 
 
 def growth(device, samples=30_000, fine=None):
     """Return by how much a motion grows in a sample, from a simulation of some samples after a knock of the handle."""
     stiff = math.sqrt((device.sensor_n_per_m + device.hand_n_per_m) / device.handle_kg)
-    steps = fine or max(20, math.ceil(12 * device.sample_s * max(stiff, 2 * math.pi * device.drive_hz)))
+    steps = fine or max(20, math.ceil(12 * device.sample_s * max(stiff, 2 * math.pi * device.fastest_hz)))
     late = int(device.late_samples)
     part = device.late_samples - late
     # Substeps before and after a new command arrives within a sample.
@@ -163,7 +277,7 @@ def growth(device, samples=30_000, fine=None):
         _runge_kutta(device, part * device.sample_s, before),
         _runge_kutta(device, (1 - part) * device.sample_s, steps),
     )
-    motion, memory, past = np.array([0.0, 0.0, 0.0, 0.0, 1.0]), (0.0, 0.0), [0.0] * (late + 1)
+    motion, memory, past = np.eye(device.size)[-1], (0.0,) * device.remembers, [0.0] * (late + 1)
     logarithms, at = [], 0.0
     for _ in range(samples):
         memory = device.command(memory, motion)
@@ -171,10 +285,10 @@ def growth(device, samples=30_000, fine=None):
         if part:
             motion = advance[0][0] @ motion + advance[0][1] * past[late + 1]
         motion = advance[1][0] @ motion + advance[1][1] * past[late]
-        size = max(abs(motion[1]), abs(motion[4]), abs(motion[4] - motion[1]), 1e-300)
+        size = max(abs(motion[1]), abs(motion[-1]), abs(motion[-1] - motion[1]), 1e-300)
         logarithms.append(at + math.log(size))
         if not 1e-100 < size < 1e100:
-            motion, memory, past = motion / size, (memory[0] / size, memory[1] / size), [u / size for u in past]
+            motion, memory, past = motion / size, tuple(kept / size for kept in memory), [u / size for u in past]
             at += math.log(size)
     third = samples // 3
     window = samples // 6
@@ -186,7 +300,7 @@ def growth(device, samples=30_000, fine=None):
 def _runge_kutta(device, time_s, steps):
     """Return how a motion and a held command move over a time, by small steps of Runge and Kutta."""
     if not steps:
-        return np.eye(5), np.zeros(5)
+        return np.eye(device.size), np.zeros(device.size)
     step = time_s / steps
 
     def moved(motion, command):
@@ -198,4 +312,4 @@ def _runge_kutta(device, time_s, steps):
             motion = motion + step / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
         return motion
 
-    return np.array([moved(unit, 0.0) for unit in np.eye(5)]).T, moved(np.zeros(5), 1.0)
+    return np.array([moved(unit, 0.0) for unit in np.eye(device.size)]).T, moved(np.zeros(device.size), 1.0)

@@ -9,7 +9,7 @@ import numpy as np
 
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.units import Quantity
-from avc_casadi.claims.admittance import AdmittanceCertificate, AdmittanceRemedy, HandleCase
+from avc_casadi.claims.admittance import AdmittanceCertificate, AdmittanceRemedy, HandleCase, HandleVerdict
 from avc_casadi.claims.handle_port import HandlePassivity
 from avc_casadi.claims.mass_width import MassWidth
 from avc_casadi.files.catalogue import admittance_names
@@ -24,6 +24,7 @@ from avc_casadi.model.admittance import (
     Contact,
     VirtualImpedance,
 )
+from avc_casadi.model.sensed import SensorProblem
 from avc_casadi.model.table import shown as as_in_file
 from avc_casadi.present.row import Answer, Mark, Part, Row, Value, caution, commas, grade, parts, row, span
 from avc_casadi.present.rows import subject
@@ -55,7 +56,7 @@ _SHOWN_DAMPINGS = 6
 """Dampings of a region that an answer lists."""
 
 
-def name_of(problem: AdmittanceProblem) -> str:
+def name_of(problem: SensorProblem) -> str:
     """Return the problem as a user types it: a name of the catalogue, or a file."""
     return problem.name if problem.name in admittance_names() else f"{problem.name or 'problem'}.toml"
 
@@ -85,8 +86,7 @@ def checked(problem: AdmittanceProblem, doubts: tuple[str, ...], shown: str) -> 
         row("Valid", problem.title or "yes", mark=Mark.PASS),
         row("Law", law_line(law.admittance) if law else "none: recommend proposes a virtual mass and damping"),
         row("Sensor", handle, ", swings at", Value(swing_hz, "frequency")),
-        row("Hands", _hands_line(problem), "; released in addition"),
-        row("Contact", _contact_line(problem.contact)),
+        *end_rows(problem),
         *subject.notes(doubts, "Warning"),
     ]
     if problem.source:
@@ -116,7 +116,13 @@ def doubts_of(problem: AdmittanceProblem) -> tuple[str, ...]:
     return tuple(found)
 
 
-def _untold(problem: AdmittanceProblem) -> list[Row]:
+def end_rows(problem: SensorProblem) -> list[Row]:
+    """Return the hands and the contact that a handle is judged with."""
+    hands = row("Hands", _hands_line(problem), "; released in addition")
+    return [hands, row("Contact", _contact_line(problem.contact))]
+
+
+def untold(problem: SensorProblem) -> list[Row]:
     """Return a caution where hands are assumed, and where the handle is judged without anything to touch."""
     rows = []
     if "hands" not in problem.model_fields_set:
@@ -141,8 +147,8 @@ def certificate(result: AdmittanceCertificate, shown: str = "") -> Answer:
     mark = Mark.FAIL if not result.passed else grade(sound, Mark.CAUTION)
     rows = [
         row("Deployable", f"{'yes' if result.passed else 'no'}: {result.reason}", mark=mark),
-        _margins(result),
-        _damping(result.cases),
+        margins(result),
+        damping(result.cases),
         row("Worst case", worst_case(result.worst)),
         *_limits(result),
         passivity(result.passivity),
@@ -150,8 +156,8 @@ def certificate(result: AdmittanceCertificate, shown: str = "") -> Answer:
     ]
     if not sound and result.remedies is not None:
         rows.append(row("Would help", _remedies(result.remedies)))
-    rows += _untold(problem)
-    rows += [_case(case) for case in result.cases]
+    rows += untold(problem)
+    rows += [case_row(case) for case in result.cases]
     return Answer(
         kind="certify-admittance",
         data=result.document(),
@@ -173,11 +179,11 @@ def recommendation(result: AdmittanceRecommendation, shown: str = "", written: s
         rows += [
             row("Law", law_line(judged.law)),
             row("Effort", Value(result.effort_ns_per_m, "damping"), "at 1 Hz; with the handle the hand moves", felt),
-            _margins(judged),
+            margins(judged),
             row("Worst case", worst_case(judged.worst)),
-            _stiffest(judged),
+            stiffest(judged, problem.contact),
             _noise(judged),
-            *_untold(problem),
+            *untold(problem),
         ]
     if result.least_mass_kg is not None:
         rows.append(
@@ -219,7 +225,7 @@ def drafted(new: NewAdmittance, shown: str) -> Answer:
     return Answer("new-admittance", plain({**data, "doubts": [*doubts]}), title, tuple(rows), (command,), units)
 
 
-def _hands_line(problem: AdmittanceProblem) -> tuple[Part, ...]:
+def _hands_line(problem: SensorProblem) -> tuple[Part, ...]:
     hands = problem.hands
     mass, damping = span(hands.mass_kg, "mass"), span(hands.damping_ns_per_m, "damping")
     return commas([mass, damping, span(hands.stiffness_n_per_m, "stiffness")])
@@ -261,7 +267,7 @@ def region(result: MassWidth, shown: str = "") -> Answer:
     ]
     for index in dict.fromkeys(int(place) for place in chosen):
         damping = Value(float(result.damping_ns_per_m[index]), "damping").text(problem.units)
-        span_of_mass = _stretch((float(result.sound_least_kg[index]), float(result.sound_largest_kg[index])), "mass")
+        span_of_mass = stretch((float(result.sound_least_kg[index]), float(result.sound_largest_kg[index])), "mass")
         rows.append(row(f"At {damping}", span_of_mass))
     return Answer(
         kind="zwidth-admittance",
@@ -289,7 +295,7 @@ def worst_case(case: HandleCase) -> tuple[Part, ...]:
     return parts(hand, ", pressed against a", contact) if touches else hand
 
 
-def _margins(result: AdmittanceCertificate) -> Row:
+def margins(result: HandleVerdict) -> Row:
     """Return the smallest margin of each kind, where the loop is broken at the commanded velocity."""
     least = [case.margins for case in result.cases]
     disk = result.disk_margin
@@ -307,7 +313,8 @@ def _finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def _damping(cases: tuple[HandleCase, ...]) -> Row:
+def damping(cases: tuple[HandleCase, ...]) -> Row:
+    """Return the least damping ratio of any case."""
     least = min(cases, key=lambda case: case.damping_ratio)
     if least.damping_ratio >= 1:
         return row("Damping ratio", "no oscillation")
@@ -315,7 +322,8 @@ def _damping(cases: tuple[HandleCase, ...]) -> Row:
     return row("Damping ratio", Value(least.damping_ratio, "number", 2), "at", hz, f"({_HANDLES[least.handle]})")
 
 
-def _stretch(stable: Interval | None, of: Quantity) -> tuple[Part, ...]:
+def stretch(stable: Interval | None, of: Quantity) -> tuple[Part, ...]:
+    """Return the stable interval of a number."""
     if stable is None:
         return ("none",)
     low, high = (Value(end, of) for end in stable)
@@ -329,15 +337,15 @@ def _limits(result: AdmittanceCertificate) -> list[Row]:
     if not result.limited:
         return []
     return [
-        row("Stable mass", _stretch(result.mass_range_kg, "mass"), "at this damping"),
-        row("Stable damping", _stretch(result.damping_range_ns_per_m, "damping"), "at this mass"),
-        _stiffest(result),
+        row("Stable mass", stretch(result.mass_range_kg, "mass"), "at this damping"),
+        row("Stable damping", stretch(result.damping_range_ns_per_m, "damping"), "at this mass"),
+        stiffest(result, result.problem.contact),
     ]
 
 
-def _stiffest(result: AdmittanceCertificate) -> Row:
+def stiffest(result: HandleVerdict, contact: Contact) -> Row:
     """Return the stiffest contact, which fails where the declared one is stiffer."""
-    limit, declared = result.stiffest_contact_n_per_m, result.problem.contact.stiffest_contact_n_per_m
+    limit, declared = result.stiffest_contact_n_per_m, contact.stiffest_contact_n_per_m
     text: tuple[Part, ...] = (Value(limit, "stiffness"), "with every hand and without")
     if math.isinf(limit):
         text = ("no limit: stable against any, with every hand and without",)
@@ -374,7 +382,7 @@ def _remedy(remedy: AdmittanceRemedy) -> tuple[Part, ...]:
     return parts(name, Value(remedy.value, of), "(disk margin", Value(remedy.disk_margin, "number", 2), ")")
 
 
-def _case(case: HandleCase) -> Row:
+def case_row(case: HandleCase) -> Row:
     """Return a case of lower rank."""
     radius = ("spectral radius", Value(case.spectral_radius, "number", 6))
     disk = ("disk margin", Value(case.margins.disk, "number", 2))

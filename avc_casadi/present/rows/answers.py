@@ -16,6 +16,7 @@ from avc_casadi.claims.deployable import (
     deployable,
 )
 from avc_casadi.claims.engine_port import PortPassivity
+from avc_casadi.claims.force_feedback import ForceFeedbackCertificate
 from avc_casadi.claims.joint import JointCertificate
 from avc_casadi.claims.level_claims import LevelFinding, WhyNotJudged
 from avc_casadi.claims.mass_width import MassWidth
@@ -34,6 +35,7 @@ from avc_casadi.present.rows import (
     assumption_words,
     claim_words,
     design,
+    force_feedback,
     joint,
     judge,
     law_words,
@@ -80,6 +82,7 @@ clauses.register(ClaimRemedy, claim_words.remedy_clauses)
 clauses.register(DetentRemedy, claim_words.detent_remedy_clauses)
 answer_of.register(AdmittanceCertificate, admittance.certificate)
 answer_of.register(AdmittanceRecommendation, admittance.recommendation)
+answer_of.register(ForceFeedbackCertificate, force_feedback.certificate)
 answer_of.register(MassWidth, admittance.region)
 answer_of.register(JointCertificate, joint.certificate)
 answer_of.register(JointRecommendation, joint.recommendation)

@@ -24,6 +24,7 @@ _GAINS = {
     "integral_n_per_m_s": "ki",
     "virtual_mass_kg": "virtual mass",
     "friction_compensation.force_n": "compensation",
+    "force_feedback.cutoff_hz": "low pass",
 }
 """Names of the gains of a law in an answer."""
 
@@ -87,9 +88,13 @@ def acting_outside(law: ControlLaw | StatedSystem) -> str:
 
 def limits(intervals: Mapping[str, Interval | None], largest_gain: float) -> list[Row]:
     """Return the stable interval of each number with the others kept, and the largest factor on all forces."""
-    rows = [row(f"Stable {_GAINS.get(key, key)}", _stretch(key, ends)) for key, ends in intervals.items()]
     factor = ("all forces times", Value(largest_gain, "number")) if largest_gain else "none is stable"
-    return [*rows, row("Largest gain", factor)]
+    return [*number_limits(intervals), row("Largest gain", factor)]
+
+
+def number_limits(intervals: Mapping[str, Interval | None]) -> list[Row]:
+    """Return the stable interval of each number with the others kept."""
+    return [row(f"Stable {_GAINS.get(key, key)}", _stretch(key, ends)) for key, ends in intervals.items()]
 
 
 def limited(result: LawCertificate) -> list[Row]:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from itertools import product
+from typing import cast
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from avc_casadi._util.parallel import map_tasks
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.files.admittance_file import AnyAdmittance, as_admittance
 from avc_casadi.loops.handle import HandleFamily
-from avc_casadi.model.admittance import AdmittanceProblem
+from avc_casadi.model.admittance import AdmittanceDevice, AdmittanceProblem
 from avc_casadi.model.hands import Hand
 from avc_casadi.simulation.population.admittance_run import HandTask, Record, TriedHands, simulated
 from avc_casadi.simulation.population.operators import people_of
@@ -183,7 +184,7 @@ def _tasks(problem: AdmittanceProblem, count: int, seed: int) -> list[HandTask]:
     """Return the hands in blocks, on the devices at the corners of the declared ranges in turn."""
     assert problem.law is not None  # noqa: S101 - it is tried
     people, contacts = people_of(problem.hands, count, seed), _contacts(problem, count, seed)
-    devices = HandleFamily.of(problem).sides[0].devices
+    devices = cast("list[AdmittanceDevice]", HandleFamily.of(problem).sides[0].devices)
     tasks = []
     for place, device in enumerate(devices):
         rows = np.arange(place, count, len(devices))

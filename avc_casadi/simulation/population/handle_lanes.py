@@ -117,7 +117,7 @@ class HandleLanes:
         self._plants = _Plants.of(device, hands, contacts)
         self._plant = np.full(len(hands), _HELD)
         self._now = self._plants.plant(_HELD)
-        self._sensor = sensor_row(device)
+        self._sensor = sensor_row(device, driven_plant(device, hands).names)
         stiffness = np.asarray(contacts.stiffness_n_per_m)
         self._touchable = stiffness > 0
         self._lag_s = np.where(self._touchable, contacts.damping_ns_per_m, 0) / np.where(stiffness > 0, stiffness, 1)

@@ -1,0 +1,163 @@
+"""Force feedback on a device with a force sensor: stable with every hand and contact, by how much, and how light.
+
+The loop is broken where the force is commanded. Each number is the worst over what the handle may carry, as of an
+admittance device (`claims.admittance`).
+
+How light an ideal loop may make a device, without delay and low pass, and stay passive: let a motor m_1 drive a mass
+m_2, which carries the sensor, through a lossless transmission k, and add g f at the motor. Moved by the sensor's f,
+
+    v_2/f = s (m_1 s^2 + k (1 + g))/(s^2 (m_1 m_2 s^2 + k (m_1 + m_2))),
+
+which is positive real where its zero lies below its pole: 1 + g <= (m_1 + m_2)/m_2, an apparent mass of at least m_2.
+That is half of the device's mass, g <= 1, where the transmission halves it: the rule that Colgate and Hogan are cited
+for (Proc. IEEE ICRA 1989). Motor and sensor on a rigid body have no such limit; delay and low pass limit them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from avc_casadi._errors import InputError
+from avc_casadi._util.json_values import plain
+from avc_casadi.claims.admittance import HandleVerdict, Interval, SensorAnalysis
+from avc_casadi.claims.handle_port import passivity
+from avc_casadi.claims.law_limits import LawLimits, LimitSide, NumberLaws, nearest_limit
+from avc_casadi.claims.stated_law import noise_gain
+from avc_casadi.files.admittance_file import AnyForceFeedback, as_force_feedback
+from avc_casadi.loops.handle import leading_poles
+from avc_casadi.model.control_law import LawNumber
+from avc_casadi.model.law import Law
+from avc_casadi.model.sensed import ForceFeedback, ForceFeedbackProblem, SensedLaw
+
+
+@dataclass(frozen=True)
+class IdealLimit:
+    """How far an ideal loop of force feedback is passive: by the mass between transmission and sensor.
+
+    Attributes:
+        gain: the largest passive gain; infinite where motor and sensor move as one.
+        apparent_mass_kg: of the device, without the handle, at that gain.
+    """
+
+    gain: float
+    apparent_mass_kg: float
+
+    @classmethod
+    def of(cls, problem: ForceFeedbackProblem) -> IdealLimit:
+        """Return that of a device at its nominal values."""
+        least = problem.device.beyond_transmission_kg
+        return cls(problem.device.mass_kg / least - 1 if least else math.inf, least)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ForceFeedbackCertificate(HandleVerdict):
+    """Whether a law with force feedback may run on its device, by how much, and how light it makes it.
+
+    Attributes:
+        problem: device, hands and contact, with the law that is judged.
+        gain_range: the gains of the force that are stable with the rest of the law; None where none is.
+        intervals: of every other number of the law, by key, the values at which it is stable with the others kept.
+        apparent_mass_kg: what of the device's mass a slow hand moves, without the handle.
+        ideal_limit: up to which gain an ideal loop is passive.
+        noise_n: rms of the commanded force at rest, of the noise of sensor and position.
+
+    Example:
+        >>> light = avc.certify_force_feedback("admittance/lightened")
+        >>> light.stable, light.apparent_mass_kg
+        (True, 2.0)
+    """
+
+    problem: ForceFeedbackProblem
+    law: SensedLaw
+    gain_range: Interval | None
+    intervals: Mapping[str, Interval | None]
+    apparent_mass_kg: float
+    ideal_limit: IdealLimit
+    noise_n: float
+
+    @property
+    def cause(self) -> str:
+        """Which number of an unstable law is beyond which limit."""
+        period = self.problem.device.sample_time_s
+        beyond = nearest_limit(self.law, {**self.intervals, self.law.gain_number.key: self.gain_range}, period)
+        if beyond.side is LimitSide.NONE_STABLE:
+            return "no change of a single number of the law is enough"
+        side = "below its lowest" if beyond.side is LimitSide.BELOW else "above its largest"
+        return f"{self.problem.units.key(beyond.key)} {beyond.value:.4g} is {side}, {beyond.limit:.4g}"
+
+    def __repr__(self) -> str:
+        return f"ForceFeedbackCertificate({'deployable' if self.passed else 'not deployable'}: {self.reason})"
+
+    def document(self) -> dict[str, Any]:
+        """Return JSON values."""
+        verdict = {"pass": self.passed, "stable": self.stable, "disk_margin": self.disk_margin, "reason": self.reason}
+        numbers = {key: value for key, value in vars(self).items() if key not in ("problem", "law")}
+        own = {"problem": self.problem.name, "law": self.law.document(), "deployable": verdict}
+        return self.problem.units.document(plain({**own, **numbers}))
+
+
+def certify_force_feedback(
+    problem: AnyForceFeedback, *, law: Mapping[str, Any] | None = None
+) -> ForceFeedbackCertificate:
+    """Judge the law of a device with a force sensor that is commanded a force: stable with every hand and contact.
+
+    Args:
+        problem: a `ForceFeedbackProblem`, its file or name.
+        law: keys of `[law]` in place of those of the problem.
+
+    Raises:
+        InputError: a value that is refused, or no law.
+
+    Example:
+        >>> avc.certify_force_feedback("admittance/lightened", law={"force_feedback": {"gain": 20.0}}).passed
+        False
+    """
+    stated = as_force_feedback(problem)
+    if law:
+        stated = stated.changed(law=dict(law))
+    if stated.law is None:
+        allowed = "allowed: [law] with force_feedback = { gain, cutoff_hz }, a spring or a damper"
+        raise InputError.of(f"is missing; {allowed}", file=stated.name or "problem", key="law")
+    own = stated.law
+    analysis = SensorAnalysis(stated)
+    limits = LawLimits(analysis.family, measure=leading_poles)
+    period = analysis.period_s
+    # A law without feedback has a gain of 0, of which stable values are looked for too.
+    table = own if own.force_feedback else own.model_copy(update={"force_feedback": ForceFeedback(gain=0.0)})
+
+    def interval(number: LawNumber) -> Interval | None:
+        return limits.interval(number, NumberLaws(table, number, lambda changed: [changed.law(period)]))
+
+    others = [number for number in own.numbers(period) if number.path != own.gain_number.path]
+    return ForceFeedbackCertificate(
+        cases=tuple(analysis.case(own, side) for side in analysis.family.sides),
+        stiffest_contact_n_per_m=analysis.stiffest_contact_n_per_m(own),
+        passivity=passivity(analysis.family.sides[0].devices, own.law(period)),
+        problem=stated,
+        law=own,
+        gain_range=interval(own.gain_number),
+        intervals={number.key: interval(number) for number in others},
+        apparent_mass_kg=stated.apparent_mass_kg,
+        ideal_limit=IdealLimit.of(stated),
+        noise_n=command_noise_n(stated, own),
+    )
+
+
+def command_noise_n(problem: ForceFeedbackProblem, law: SensedLaw) -> float:
+    """Return the rms of the commanded force at rest, of the noise and the steps of sensor and encoder."""
+    device, sensor = problem.device, problem.device.force_sensor
+    whole = law.law(device.sample_time_s)
+    noises = (
+        (device.position_noise_rms_m, device.encoder_resolution_m),
+        (sensor.noise_rms_n, sensor.resolution_n),
+    )
+    total = 0.0
+    for column, (noise, step) in enumerate(noises):
+        if noise or step:
+            of_one = slice(column, column + 1)
+            part = Law(whole.a, whole.b[..., of_one], whole.c, whole.d[..., of_one], whole.sample_time_s)
+            total = math.hypot(total, math.hypot(noise, step / math.sqrt(12)) * noise_gain(part))
+    return total

@@ -1,0 +1,95 @@
+"""Rows of devices with a force sensor that are commanded a force: a checked file, and the verdict on a law."""
+
+from __future__ import annotations
+
+import math
+from shlex import quote
+
+from avc_casadi._util.json_values import plain
+from avc_casadi.claims.force_feedback import ForceFeedbackCertificate, IdealLimit
+from avc_casadi.loops.margins import SOUND_DISK
+from avc_casadi.model.sensed import ForceFeedbackProblem, SensedDevice, SensedLaw
+from avc_casadi.present.row import Answer, Mark, Part, Row, Value, caution, commas, grade, parts, row
+from avc_casadi.present.rows import admittance, pieces
+
+
+def device_line(device: SensedDevice) -> tuple[Part, ...]:
+    """Return mass, rate, delay and sensor in a line."""
+    rate, delay = Value(1 / device.sample_time_s, "frequency"), Value(device.delay_samples, "samples")
+    mass, sensor = Value(device.mass_kg, "mass"), Value(device.force_sensor.stiffness_n_per_m, "stiffness")
+    return parts("· device", mass, ",", rate, ", delay", delay, ", sensor", sensor)
+
+
+def law_line(law: SensedLaw) -> tuple[Part, ...]:
+    """Return a law in a line."""
+    feedback = law.force_feedback
+    low_pass = ("force below", Value(feedback.cutoff_hz, "frequency")) if feedback and feedback.cutoff_hz else None
+    gain = ("force feedback", Value(law.gain, "number")) if feedback else None
+    return commas([gain, low_pass, pieces.named(law)])
+
+
+def checked(problem: ForceFeedbackProblem, shown: str) -> Answer:
+    """Return the answer of `check`."""
+    handle = ("handle", Value(problem.device.force_sensor.handle_mass_kg, "mass"))
+    rows = [
+        row("Valid", problem.title or "yes", mark=Mark.PASS),
+        row("Law", law_line(problem.law) if problem.law else "none: [law] with force_feedback = { gain, cutoff_hz }"),
+        row("Sensor", handle),
+        *admittance.end_rows(problem),
+    ]
+    if problem.source:
+        rows.append(row("Source", problem.source, rank=1))
+    data = {"problem": problem.name, "tables": problem.model_dump(mode="json", exclude_none=True)}
+    title = parts(shown, device_line(problem.device))
+    return Answer("check", plain(data), title, tuple(rows), (f"avc certify {quote(shown)}",), problem.units)
+
+
+def certificate(result: ForceFeedbackCertificate, shown: str = "") -> Answer:
+    """Return the answer of `certify`."""
+    problem = result.problem
+    shown = shown or admittance.name_of(problem)
+    mark = Mark.FAIL if not result.passed else grade(result.disk_margin >= SOUND_DISK, Mark.CAUTION)
+    rows = [
+        row("Deployable", f"{'yes' if result.passed else 'no'}: {result.reason}", mark=mark),
+        admittance.margins(result),
+        admittance.damping(result.cases),
+        row("Worst case", admittance.worst_case(result.worst)),
+        _felt(result),
+        row("Stable gain", admittance.stretch(result.gain_range, "number"), "of the force, with the rest of the law"),
+        _ideal(result.ideal_limit, result.law.gain),
+        admittance.passivity(result.passivity),
+        admittance.stiffest(result, problem.contact),
+        row("Noise", Value(result.noise_n, "force"), "rms of the commanded force at rest"),
+        *admittance.untold(problem),
+        *pieces.number_limits(result.intervals),
+        *(admittance.case_row(case) for case in result.cases),
+    ]
+    return Answer(
+        kind="certify-force-feedback",
+        data=result.document(),
+        title=parts(shown, " ", law_line(result.law), device_line(problem.device)),
+        rows=tuple(rows),
+        commands=(f"avc check {quote(shown)}",),
+        units=problem.units,
+        complaint="" if result.passed else f"avc: {shown}: this law is not deployable",
+    )
+
+
+def _felt(result: ForceFeedbackCertificate) -> Row:
+    """Return what a slow hand moves: the device's mass over 1 + g, and the handle; and the spring of the law."""
+    device, law = result.problem.device, result.law
+    whole = Value(result.apparent_mass_kg + device.force_sensor.handle_mass_kg, "mass")
+    mass = ("apparent mass", Value(result.apparent_mass_kg, "mass"), "of", Value(device.mass_kg, "mass"))
+    spring = law.stiffness_n_per_m / (1 + law.gain)
+    rest = (", spring", Value(spring, "stiffness")) if spring else ()
+    return row("A hand moves", whole, "with the handle:", mass, rest)
+
+
+def _ideal(limit: IdealLimit, gain: float) -> Row:
+    """Return how far an ideal loop is passive, which a motor behind a transmission limits."""
+    if math.isinf(limit.gain):
+        why = "no limit: motor and sensor move as one; delay and low pass limit the gain"
+        return row("Ideal loop", why)
+    least = ("passive up to a gain of", Value(limit.gain, "number"), ", apparent mass")
+    beyond = (Value(limit.apparent_mass_kg, "mass"), ", that between transmission and sensor")
+    return row("Ideal loop", least, beyond, mark=caution(gain > limit.gain))
