@@ -8,6 +8,7 @@ hand gets out of a held force. Overwrites OUT (default tests/benchmarks/results/
 
 from __future__ import annotations
 
+import itertools
 import math
 import sys
 from pathlib import Path
@@ -31,7 +32,7 @@ HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE.parent / "oracle"))
 
 from admittance import drawn  # noqa: E402
-from admittance_loop import PlainDevice, handle_impedance  # noqa: E402
+from admittance_loop import PlainDevice, PlainForceDevice, handle_impedance, largest_pole  # noqa: E402
 
 RESULTS = HERE / "results" / "published.json"
 T = 1e-3
@@ -249,6 +250,76 @@ def second_way(stated: avc.AdmittanceProblem, from_hz: float) -> bool:
     return bool(min(below) > -1e-6 and (from_hz >= half or handle_impedance(plain, from_hz * (1 + 1e-6)).real < 0))
 
 
+# Force feedback behind a transmission
+
+TIMINGS = {"0.1 ms, no delay": (1e-4, 0), "1 ms, one sample": (1e-3, 1)}
+TRANSMISSIONS = {"rigid": None, "30 % beyond": (60.0, 0.3), "half": (60.0, 0.5), "half, soft": (20.0, 0.5)}
+TRANSMISSIONS |= {"75 % beyond": (60.0, 0.75)}
+"""Frequency of a transmission, and the share of the mass between it and the sensor."""
+GAINS = np.geomspace(0.02, 50.0, 120)
+LARGEST_GAIN = 1e3
+"""Largest gain of a file."""
+
+
+def force_feedback() -> list[Row]:
+    """Largest gain of force feedback: of an ideal loop, passive at the handle, and stable with hands and contacts."""
+    rows = []
+    for timing, (period, delay) in TIMINGS.items():
+        for name, mode in TRANSMISSIONS.items():
+            stated = lightened(period, delay, mode)
+            ours = avc.certify_force_feedback(stated)
+            passive = [gain for gain in GAINS.tolist() if _passive_gain(stated, gain)]
+            failing = [gain for gain in GAINS.tolist() if gain not in passive]
+            row = {"part": "force_feedback", "timing": timing, "transmission": name}
+            row |= {"ideal": _number(ours.ideal_limit.gain), "stable": _ends(ours.gain_range)}
+            row |= {"passive": max((gain for gain in passive if gain < min(failing, default=math.inf)), default=None)}
+            rows.append(row | {"second_way": gain_by_second_way(stated, row["passive"], ours.gain_range)})
+    return rows
+
+
+def lightened(period: float, delay: int, mode: tuple[float, float] | None) -> avc.ForceFeedbackProblem:
+    """A rail of 4 kg with a soft grip, with a transmission of a frequency and a share of the mass, or without."""
+    device: dict[str, Any] = {"mass_kg": 4.0, "damping_ns_per_m": 8.0, "sample_time_s": period, "delay_samples": delay}
+    if mode is not None:
+        device["resonance"] = {"frequency_hz": mode[0], "damping_ratio": 0.02, "mass_ratio": mode[1]}
+    sensor = {"stiffness_n_per_m": 2e4, "damping_ratio": 0.2, "handle_mass_kg": 0.3}
+    return avc.ForceFeedbackProblem.model_validate(
+        {
+            "device": {**device, "force_sensor": sensor},
+            "law": {"force_feedback": {"gain": 0.5}, "damping_ns_per_m": 20.0},
+            "hands": {"mass_kg": [0.1, 1.0], "damping_ns_per_m": [3.0, 20.0], "stiffness_n_per_m": [100.0, 1000.0]},
+            "contact": {"stiffness_n_per_m": [0.0, 1e4], "damping_ns_per_m": 5.0},
+        }
+    )
+
+
+def _passive_gain(stated: avc.ForceFeedbackProblem, gain: float) -> bool:
+    law = stated.changed(law={"force_feedback": {"gain": gain}}).law
+    assert law is not None
+    return passivity([stated.device], law.law(stated.device.sample_time_s)).passive
+
+
+def gain_by_second_way(stated: avc.ForceFeedbackProblem, passive: float | None, stable: Any) -> bool:
+    """Whether a loop that shares no code is passive at a gain, not at the next, and stable up to the largest one."""
+
+    def plain(gain: float, *carried: float) -> PlainForceDevice:
+        return PlainForceDevice.of(stated.changed(law={"force_feedback": {"gain": gain}}), *carried)
+
+    def least(gain: float) -> float:
+        half = 0.5 / stated.device.sample_time_s
+        found = [handle_impedance(plain(gain), hz) for hz in np.geomspace(0.1, half, 1500)]
+        return float(min(value.real / abs(value) for value in found))
+
+    held = list(itertools.product((0.1, 1.0), (3.0, 20.0), (100.0, 1000.0)))
+    pressed = [(mass, damping + 5.0, spring + 1e4) for mass, damping, spring in held]
+    largest = min(0.98 * stable[1], LARGEST_GAIN)
+    everything = [*held, *pressed, (0.0, 5.0, 1e4), (0.0, 0.0, 0.0)]
+    inside = max(largest_pole(plain(largest, *carried)) for carried in everything) < 1
+    if passive is None or passive == GAINS[-1]:
+        return bool(inside)
+    return bool(inside and least(passive) > -1e-6 and least(passive * GAINS[1] / GAINS[0]) < 0)
+
+
 def _ends(stable: tuple[float, float] | None) -> list[float | None] | None:
     return None if stable is None else [_number(end) for end in stable]
 
@@ -261,7 +332,7 @@ def main() -> None:
     """Compute and write."""
     args = script_arguments(__doc__, out=RESULTS)
     made = about("python tests/benchmarks/published.py", 0)
-    parts = (rule, passive, quantised, paddle, at_handle)
+    parts = (rule, passive, quantised, paddle, at_handle, force_feedback)
     rows = [row for part in parts for row in part()]
     write_rows(args.out, made, rows)
 
