@@ -23,7 +23,7 @@ import numpy as np
 from avc_casadi._util.arrays import ComplexArray, FloatArray
 from avc_casadi.loops.handle import plants_of
 from avc_casadi.loops.margins import OpenLoop
-from avc_casadi.model.driven import driven_plant, handle_pull, position_row, sensor_row
+from avc_casadi.model.driven import driven_plant, handle_pull, held_command, position_row, sensor_row
 from avc_casadi.model.hands import Hand
 from avc_casadi.model.law import Law
 from avc_casadi.model.sensed import SensorDevice
@@ -76,8 +76,7 @@ class HandlePort:
         measured = self.law.transfer(z) * (pushed @ position_row(device, names))
         measured = measured + self.law.transfer(z, 1) * (pushed @ sensor_row(device, names))
         command = measured / (1 + self.loop.gain(turns)[0])
-        held = -np.expm1(-1j * turns) / (1j * turns) * np.exp(-1j * turns * device.delay_samples)
-        speed = (pushed + commanded * (held * command)[:, None]) @ (pull > 0)
+        speed = (pushed + commanded * (held_command(device, turns) * command)[:, None]) @ (pull > 0)
         return np.asarray(1 / speed)
 
     def passivity(self) -> HandlePassivity:

@@ -158,9 +158,6 @@ def _of_tables(tables: Mapping[str, Any], name: str) -> SensorProblem | list[Fin
     if isinstance(device, Mapping) and "from" in device:
         why = "is not supported for a device with a force sensor; state all values in [device]"
         return [(("device", "from"), why)]
-    if isinstance(device, Mapping) and device.get("drive") == "position":
-        allowed = 'allowed: "velocity"; for a drive that follows a position, state how it follows a changing position'
-        return [(("device", "drive"), f'is "position"; {allowed}')]
     border = Border()
     border.read(tables, *border.device_table(tables.get("device"), {}))
     return border.checked(_model_of(tables) or AdmittanceProblem, name)

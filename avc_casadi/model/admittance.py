@@ -23,7 +23,7 @@ from avc_casadi.model.ends import Dampings, End, IntervalOf
 from avc_casadi.model.law import Law, Values
 from avc_casadi.model.problem import Hands, defaults_at
 
-ADMITTANCE_DRIVES = ("velocity",)
+ADMITTANCE_DRIVES = ("velocity", "position")
 """What `device.drive` may say; without the key the device is commanded a force, and is no admittance device."""
 
 DRIVE_DAMPING_RATIO = 0.7
@@ -76,10 +76,10 @@ class AdmittanceRange(t.Table):
 
 
 class AdmittanceDevice(HandledDevice):
-    """A drive that follows a commanded velocity, whatever pushes, and the force sensor that it carries.
+    """A drive that follows a commanded velocity or position, whatever pushes, and the force sensor that it carries.
 
     Attributes:
-        drive: what is commanded.
+        drive: what is commanded; a position is the sum of the velocities of the law, each times the sample time.
         drive_bandwidth_hz: of the velocity that follows the command: the corner of a lag, or the natural frequency of
             a drive of second order.
         drive_order: 1 or 2.
@@ -88,7 +88,7 @@ class AdmittanceDevice(HandledDevice):
         max_speed_m_per_s: the largest velocity that is commanded; None: no limit is declared.
     """
 
-    drive: Literal["velocity"]
+    drive: Literal["velocity", "position"]
     drive_bandwidth_hz: q.Hertz
     drive_order: Literal[1, 2] = 1
     drive_damping_ratio: q.LoopDampingRatio = DRIVE_DAMPING_RATIO
@@ -125,6 +125,9 @@ class AdmittanceDevice(HandledDevice):
             yield ("handle_radius_m",), message
         if self.motion == "linear" and self.handle_radius_m is not None:
             yield ("handle_radius_m",), 'applies to a rotary device only; leave it out, or set motion = "rotary"'
+        if self.drive == "position" and self.drive_order == 1:
+            why = 'with drive = "position", whose steps a drive of first order would follow with a jump of its velocity'
+            yield ("drive_order",), f"is 1; allowed: 2 {why}"
         if max(self.delay_samples, *(self.range.delay_samples or (0.0,))) > MOST_DELAY_SAMPLES:
             yield ("delay_samples",), f"is above {MOST_DELAY_SAMPLES} (or its range is); allowed: at most that"
         for key, interval in self.ranges.items():

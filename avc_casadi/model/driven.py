@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from avc_casadi._util.arrays import FloatArray
+from avc_casadi._util.arrays import ComplexArray, FloatArray
 from avc_casadi.model.admittance import AdmittanceDevice
 from avc_casadi.model.hands import Hand
 from avc_casadi.model.plant import DEVICE, HANDLE, LinearPlant, SampledPlant, device_plant, discretised
@@ -15,6 +15,8 @@ from avc_casadi.model.sensed import SensedDevice, SensorDevice
 
 _DRIVE = (f"{DEVICE}_position_m", f"{DEVICE}_velocity_m_per_s", "drive_rate_m_per_s")
 _HANDLE = (f"{HANDLE}_position_m", f"{HANDLE}_velocity_m_per_s")
+COMMANDED = "commanded_position_m"
+"""The commanded position that arrived last at a drive that follows one."""
 LINK = "link"
 """What carries the sensor of a device beyond a transmission that gives way."""
 
@@ -47,6 +49,8 @@ def servo_plant(device: AdmittanceDevice, carried: Hand) -> LinearPlant:
 
         dv/dt = w r,   dr/dt = w (u - v) - 2 zeta w r.
 
+    A drive that follows a commanded position x_c has dv/dt = w^2 (x_c - x) - 2 zeta w v; the input is then x_c.
+
     The handle of mass m_s carries a hand or a contact (m, b, k) towards its target: with x_h, v_h of the handle and
     the sensor's force f = k_s (x_h - x) + b_s (v_h - v),
 
@@ -55,14 +59,19 @@ def servo_plant(device: AdmittanceDevice, carried: Hand) -> LinearPlant:
     sensor = device.force_sensor
     mass, damping, stiffness = (np.asarray(value, dtype=np.float64) for value in vars(carried).values())
     total = sensor.handle_mass_kg + mass
-    names = (*_DRIVE[: 1 + device.drive_order], *_HANDLE)
+    follows_position = device.drive == "position"
+    names = (*_DRIVE[: 2 if follows_position else 1 + device.drive_order], *_HANDLE)
     size = len(names)
     place, speed = size - 2, size - 1
     matrix = np.zeros((*total.shape, size, size))
     force, target = np.zeros((*total.shape, size)), np.zeros((*total.shape, size, 2))
     omega = 2 * math.pi * device.drive_bandwidth_hz
     matrix[..., 0, 1] = 1.0
-    if device.drive_order == 1:
+    if follows_position:
+        matrix[..., 1, 0] = -(omega**2)
+        matrix[..., 1, 1] = -2 * device.drive_damping_ratio * omega
+        force[..., 1] = omega**2
+    elif device.drive_order == 1:
         matrix[..., 1, 1] = -omega
         force[..., 1] = omega
     else:
@@ -112,6 +121,9 @@ def sampled_drive(devices: Sequence[SensorDevice], carried: Sequence[Hand]) -> S
     plants = [driven_plant(device, hand) for device, hand in zip(devices, carried, strict=True)]
     matrix, new, old = discretised(plants, devices)
     names = plants[0].names
+    if devices[0].drive == "position":
+        matrix, new, old = _summing(matrix, new, old, devices[0].sample_time_s)
+        names = (*names, COMMANDED)
     rows = np.array([sensor_row(device, names) for device in devices])[:, None]
     return SampledPlant(
         names=names,
@@ -124,3 +136,30 @@ def sampled_drive(devices: Sequence[SensorDevice], carried: Sequence[Hand]) -> S
         sample_time_s=devices[0].sample_time_s,
         force_row=np.broadcast_to(rows, (*new.shape[:2], len(names))),
     )
+
+
+def _summing(
+    matrix: FloatArray, new: FloatArray, old: FloatArray, sample_time_s: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return A, B_new and B_old of a drive of positions for commanded velocities, the last position a further state.
+
+    With n whole samples of delay, c of this state and the position c + T u(k-n) that arrives now:
+
+        x+ = A x + B_new (c + T u(k-n)) + B_old c,   c+ = c + T u(k-n).
+    """
+    size = new.shape[-1]
+    summed = np.zeros((*new.shape[:-1], size + 1, size + 1))
+    summed[..., :size, :size] = matrix
+    summed[..., :size, size] = new + old
+    summed[..., size, size] = 1.0
+    one = np.ones((*new.shape[:-1], 1))
+    of_velocity = np.concatenate([new, one], axis=-1) * sample_time_s
+    return summed, of_velocity, np.zeros_like(of_velocity)
+
+
+def held_command(device: SensorDevice, turns: FloatArray) -> ComplexArray:
+    """Return how a command of the law acts at its own frequency, held and late: of a drive of positions, summed."""
+    held = -np.expm1(-1j * turns) / (1j * turns) * np.exp(-1j * turns * device.delay_samples)
+    if device.drive == "position":
+        held = held * device.sample_time_s / -np.expm1(-1j * turns)
+    return np.asarray(held)

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from admittance_loop import PlainDevice, growth, handle_impedance, largest_pole
+from admittance_loop import PlainDevice, PlainPositionDevice, growth, handle_impedance, largest_pole
 
 import avc_casadi as avc
 from avc_casadi._util.progress import Progress
@@ -282,3 +282,33 @@ def test_the_least_passive_of_a_range_counts():
         return avc.certify_admittance(arm(law, **device), remedies=False).passivity.from_hz
 
     assert from_hz(range={"delay_samples": [1.0, 4.0]}) == pytest.approx(from_hz(delay_samples=4.0), rel=1e-9)
+
+
+POSITIONS = (
+    {"delay_samples": 0},
+    {"delay_samples": 1.3, "drive_damping_ratio": 0.4},
+    {"drive_bandwidth_hz": 60.0, "sample_time_s": 1e-3, "sensor": {"stiffness_n_per_m": 5e6, "handle_mass_kg": 0.05}},
+)
+
+
+@pytest.mark.parametrize("device", POSITIONS)
+@pytest.mark.parametrize("more", [{}, {"stiffness_n_per_m": 300.0, "cutoff_hz": 90.0}])
+def test_a_drive_of_positions_is_that_of_a_second_program(device, more):
+    stated = arm({"mass_kg": 8.0, "damping_ns_per_m": 90.0, **more}, drive="position", drive_order=2, **device)
+    problem = avc.AdmittanceProblem.model_validate(stated)
+    for carried in ((0.0, 0.0, 0.0), (0.6, 8.0, 500.0), (2.0, 5.0, 2e4), (0.0, 20.0, 1e6)):
+        plain = PlainPositionDevice.of(problem, *carried)
+        assert radius(problem, *carried) == pytest.approx(largest_pole(plain), abs=1e-9)
+    period, plain = problem.device.sample_time_s, PlainPositionDevice.of(problem)
+    port = HandlePort(problem.device, problem.law.admittance.law(period))
+    hz = np.array([0.3, 2.0, 7.0, 31.0, 0.37 / period])
+    for found, frequency in zip(port.impedance(2 * math.pi * hz * period), hz.tolist(), strict=True):
+        assert found == pytest.approx(handle_impedance(plain, frequency), rel=1e-9)
+
+
+def test_the_growth_of_a_drive_of_positions_is_that_of_a_simulation():
+    stated = arm({"mass_kg": 40.0, "damping_ns_per_m": 120.0}, drive="position", drive_order=2)
+    problem = avc.AdmittanceProblem.model_validate(stated)
+    carried = (2.0, 5.0, 2e4)
+    simulated = growth(PlainPositionDevice.of(problem, *carried), 12_000)
+    assert radius(problem, *carried) == pytest.approx(simulated, abs=1e-4)

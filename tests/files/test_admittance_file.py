@@ -69,8 +69,8 @@ def test_those_of_the_catalogue_are_read_and_deployable(name):
 @pytest.mark.parametrize(
     ("old", "new", "fault"),
     [
-        ('drive = "velocity"', 'drive = "position"', 'device.drive: is "position"'),
-        ('drive = "velocity"', 'drive = "speed"', 'device.drive: is "speed"; allowed: "velocity"'),
+        ('drive = "velocity"', 'drive = "position"', "device.drive_order: is 1; allowed: 2 with drive"),
+        ('drive = "velocity"', 'drive = "speed"', 'device.drive: is "speed"; allowed: "velocity", "position"'),
         ("delay_samples = 2", "delay_samples = 40", "device.delay_samples: is above 32"),
         ('"200 N/mm"', "0", "device.force_sensor.stiffness_n_per_m: is 0"),
         ('"800 g"', "0", "device.force_sensor.handle_mass_kg: is 0"),

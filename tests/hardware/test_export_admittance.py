@@ -81,6 +81,17 @@ def test_the_step_is_the_law(name, precision, digits):
     assert np.abs(given - expected).max() <= digits * np.abs(expected).max()
 
 
+def test_a_drive_of_positions_is_given_the_change_of_its_position():
+    problem = avc.load_admittance("admittance/cobot").changed(device={"drive": "position", "drive_order": 2})
+    period = problem.device.sample_time_s
+    exported = Exported(problem)
+    forces = 25.0 * np.sin(2 * np.pi * 0.7 * np.arange(1500) * period)
+    given = np.array([exported.step(0.0, force) for force in forces])
+    expected = period * law_of(problem, [0.0, *forces[1:]], np.zeros(1500))
+    assert np.abs(given - expected).max() <= 1e-12 * np.abs(expected).max()
+    assert "by how much to move the commanded position" in admittance_files(problem)["avc_coupling.h"]
+
+
 @pytest.mark.slow
 def test_clang_and_another_name_compile(tmp_path, monkeypatch, capsys):
     problem = avc.load_admittance("admittance/pedal")

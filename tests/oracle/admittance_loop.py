@@ -99,6 +99,31 @@ class PlainDevice:
 
 
 @dataclass(frozen=True)
+class PlainPositionDevice(PlainDevice):
+    """The same with a drive that follows a position, the sum of the velocities that the law gives."""
+
+    remembers = 3
+
+    @property
+    def kept(self):
+        """The entries that are states."""
+        return [0, 1, 3, 4]
+
+    def rates(self, motion, command):
+        """Return the time derivatives; the command is a position."""
+        w = 2 * math.pi * self.drive_hz
+        x, v = motion[:2]
+        rates = super().rates(motion, command)
+        rates[1], rates[2] = w * w * (command - x) - 2 * self.drive_ratio * w * v, 0.0
+        return rates
+
+    def command(self, memory, motion):
+        """Return filtered force, commanded position and velocity, from those of the sample before."""
+        filtered, velocity = super().command((memory[0], memory[2]), motion)
+        return filtered, memory[1] + self.sample_s * velocity, velocity
+
+
+@dataclass(frozen=True)
 class PlainForceDevice:
     """Numbers of a device that is commanded a force, with a sensor before its handle, and of a law with force feedback.
 

@@ -235,9 +235,10 @@ def exported(problem: AdmittanceProblem, precision: str, files: tuple[str, ...],
     """Return the answer of `export` for an admittance device."""
     law = None if problem.law is None else problem.law.admittance
     rate = Value(1 / problem.device.sample_time_s, "frequency")
+    out = "velocity" if problem.device.drive == "velocity" else "change of the position"
     rows = [
         row("Law", None if law is None else law_line(law)),
-        row("C", f"{precision} precision,", rate, ", position and force in, velocity out"),
+        row("C", f"{precision} precision,", rate, f", position and force in, {out} out"),
         row("Faults", "the header says which readings are refused, and what motion they allow"),
     ]
     data = {"problem": problem.name, "precision": precision, "files": [*files]}

@@ -1,4 +1,4 @@
-"""Export of an admittance law as C for custom firmware: one function from position and force to a velocity."""
+"""Export of an admittance law as C for custom firmware: a function from position and force to a commanded motion."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ void avc_coupling_start(avc_coupling_t *coupling);
 
 /* One sample. position_m: of the drive, about which the spring of the law pulls; without a spring it is not read.
  * force_n: of the sensor, positive where the hand pushes towards +position.
- * Returns the velocity to command, m/s, at most AVC_COUPLING_MAX_SPEED_M_PER_S; never NaN.
+ * Returns {returns}; never NaN.
  */
 {real} avc_coupling_step(avc_coupling_t *coupling, {real} position_m, {real} force_n);
 
@@ -159,14 +159,14 @@ static int felt(avc_coupling_t *coupling, {real} force_n)
         velocity = coupling->velocity_m_per_s;
         velocity = velocity > {fall} ? velocity - {fall} : velocity < -{fall} ? velocity + {fall} : {zero};
         coupling->velocity_m_per_s = velocity;
-        return velocity;
+        return {out};
     }}
     coupling->stopped = 0u;
     coupling->filtered_n += {share} * (coupling->believed_n - coupling->filtered_n);
     velocity = {alpha} * coupling->velocity_m_per_s + {beta} * {push};
     velocity = velocity > {max_speed} ? {max_speed} : velocity < -{max_speed} ? -{max_speed} : velocity;
     coupling->velocity_m_per_s = velocity;
-    return velocity;
+    return {out};
 }}
 """
 _STUCK = """
@@ -199,6 +199,12 @@ static int lost(avc_coupling_t *coupling, {real} position_m)
 }}
 """
 _FARTHEST_M = 1e3
+_RETURNS = {
+    "velocity": "the velocity to command, m/s, at most AVC_COUPLING_MAX_SPEED_M_PER_S",
+    "position": "by how much to move the commanded position, m: the sample time times a velocity of at most\n"
+    " * AVC_COUPLING_MAX_SPEED_M_PER_S. Begin with the drive's own position as the commanded one",
+}
+"""What a step returns, by what the drive is commanded."""
 
 
 @dataclass(frozen=True)
@@ -332,6 +338,7 @@ def _header(
         position=c_frame.comment_lines(_told_of_position(bounds, law)),
         offset=c_frame.comment_lines(_told_of_offset(law)),
         id=law_id(problem),
+        returns=_RETURNS[device.drive],
         period_literal=precision.literal(device.sample_time_s),
         period_ns=round(device.sample_time_s * c_frame.NS_PER_S),
         max_speed=precision.literal(device.max_speed_m_per_s or 0.0),
@@ -394,6 +401,7 @@ def _source(problem: AdmittanceProblem, law: VirtualImpedance, bounds: FaultBoun
         alpha=literal(law.mass_kg / total),
         beta=literal(period / total),
         push=pull if spring else "coupling->filtered_n",
+        out="velocity" if problem.device.drive == "velocity" else f"{literal(period)} * velocity",
         max_speed=literal(problem.device.max_speed_m_per_s or 0.0),
         stuck=_STUCK.format(**words, most=bounds.repeated) if bounds.repeated else "",
         is_stuck=" || is_stuck" if bounds.repeated else "",
