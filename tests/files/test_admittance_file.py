@@ -242,3 +242,12 @@ def test_check_and_certify_know_force_feedback(tmp_path, monkeypatch, capsys):
     assert "apparent mass 2.00 kg of 4.00 kg" in capsys.readouterr().out
     assert main(["certify", "rail.toml", "--k", "2"]) == 2
     assert "state its law in [law]" in capsys.readouterr().err
+
+
+def test_simulated_hands_refuse_a_drive_of_positions(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    joint = ARM.replace('drive = "velocity"', 'drive = "position"\ndrive_order = 2')
+    tmp_path.joinpath("joint.toml").write_text(joint, encoding="utf-8")
+    assert main(["check", "joint.toml"]) == 0
+    assert main(["trial", "joint.toml"]) == 2
+    assert 'device.drive is "position": hands are simulated at drives of velocities' in capsys.readouterr().err

@@ -10,7 +10,7 @@ from typing import cast
 
 import numpy as np
 
-from avc_casadi._errors import InputError
+from avc_casadi._errors import InputError, UnsupportedError
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.parallel import map_tasks
 from avc_casadi._util.progress import SILENT, Progress
@@ -143,10 +143,14 @@ def try_admittance(
 
     Raises:
         InputError: no hand, a value that is refused, or no law.
+        UnsupportedError: a drive that follows a position.
     """
     stated = as_admittance(problem)
     if hands < 1:
         raise InputError.of(f"is {hands}; allowed: 1 or more", key="hands")
+    if stated.device.drive == "position":
+        fact = f'{stated.name or "the problem"}: device.drive is "position"'
+        raise UnsupportedError(f"{fact}: hands are simulated at drives of velocities; ask avc certify", key="")
     if stated.law is None:
         allowed = "allowed: [law] with admittance = { mass_kg, damping_ns_per_m }"
         raise InputError.of(f"is missing; {allowed}", file=stated.name or "problem", key="law")
