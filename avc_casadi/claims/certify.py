@@ -17,6 +17,7 @@ from avc_casadi.claims.hands import hands_level
 from avc_casadi.claims.level_claims import RestFinding
 from avc_casadi.claims.level_detail import ProofDetail
 from avc_casadi.claims.levels import LEVELS, LevelResult, Rows, Subject, passivity_level
+from avc_casadi.claims.prove.grounds import BeyondProof
 from avc_casadi.claims.prove.held_device import HAND, SampledPlantBox
 from avc_casadi.claims.prove.law import ContactLaw
 from avc_casadi.claims.prove.rest import Rest, promising, prove_rest
@@ -289,12 +290,7 @@ def _of_row(coupling: Coupling, row: list[float], seed: int, progress: Progress)
     runtime = coupling.runtime
     law = _law(coupling, row)
     rest = prove_rest(law, coupling.contact, problem.device, _box(coupling), seed=seed, progress=progress)
-    not_known = []
-    if runtime.observer_mass_kg is not None:
-        not_known.append("the observer between encoder steps is not linear")
-    if runtime.guard is not None:
-        not_known.append(f"the guard {runtime.guard} changes the force as it measures energy")
-    if not not_known:
+    observer = runtime.observer_mass_kg is not None
+    if not observer and runtime.guard is None:
         return rest
-    without = rest.sentence if rest.outcome != "open" else f"open, {rest.sentence}"
-    return replace(rest, outcome="open", sentence=f"{'; '.join(not_known)}; without it: {without}")
+    return replace(rest, outcome="open", ground=BeyondProof(observer, runtime.guard, rest.outcome, rest.ground))

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from enum import Enum, auto
 
 from avc_casadi._util.page import Worded
-from avc_casadi.claims.prove.rest import Outcome, Rest
+from avc_casadi.claims.prove.grounds import Outcome
+from avc_casadi.claims.prove.rest import Rest
 from avc_casadi.loops.plant_family import WorstCase
 from avc_casadi.model.problem import Model
 

@@ -10,15 +10,27 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.arrays import ComplexArray, FloatArray
 from avc_casadi._util.json_values import plain, plain_table
+from avc_casadi._util.page import worded
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi._util.text import quantity
+from avc_casadi.claims.prove.grounds import (
+    Ground,
+    NoMultiplier,
+    NoMultiplierBecause,
+    Nonlinearity,
+    NotCovered,
+    Open,
+    Outcome,
+    Settles,
+    Stated,
+    UnstableInContact,
+)
 from avc_casadi.claims.prove.held_device import SampledPlantBox
 from avc_casadi.claims.prove.law import ContactLaw
 from avc_casadi.claims.prove.multiplier import LAGS, MOST_CELLS, Multiplier, search, verify
@@ -26,11 +38,9 @@ from avc_casadi.loops.loop import Body
 from avc_casadi.loops.wall import closed
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners, linear_values
 from avc_casadi.model.device import Device
-from avc_casadi.model.hands import Hand, hand_text
+from avc_casadi.model.hands import Hand
 from avc_casadi.model.plant import sampled_plant
 from avc_casadi.model.problem import Contact
-
-Outcome = Literal["proved", "refuted", "open"]
 
 _UNSTABLE = 1e-9
 """Distance of a spectral radius beyond 1 from which a loop counts as unstable."""
@@ -44,34 +54,6 @@ _MEETING_ANGLE = 0.1
 _SLOW_ANGLES = 120
 _EVEN_ANGLES = 280
 _ABOUT_FAILURE = np.array([0.97, 0.99, 1.0, 1.01, 1.03])
-
-
-def coverage(device: Device) -> str:
-    """Return what a proof of rest covers, in words: mechanics, amplifier and delay as declared, and what is omitted."""
-    mode, spread = device.resonance, device.range
-    mechanics = "a rigid device"
-    if mode is not None:
-        known = _between(mode.frequency_hz, spread.resonance.frequency_hz)
-        mechanics = f"a device with its resonance at {known} Hz"
-    amplifier = "an ideal amplifier"
-    if device.amplifier_bandwidth_hz is not None:
-        amplifier = f"an amplifier of {_between(device.amplifier_bandwidth_hz, spread.amplifier_bandwidth_hz)} Hz"
-    late = _between(device.delay_samples, spread.delay_samples)
-    delay = f"{late} sample{'' if late == '1' else 's'} of delay"
-    left_out = {
-        "coulomb_friction_n": "dry friction",
-        "encoder_resolution_m": "encoder",
-        "position_noise_rms_m": "noise",
-    }
-    largest = {name: max(getattr(device, key), *(getattr(spread, key) or (0.0,))) for key, name in left_out.items()}
-    declared = [f"{name} ({value:.4g})" for name, value in largest.items() if value > 0]
-    omitted = f"; left out: {', '.join(declared)}" if declared else ", without friction and measured exactly"
-    return f"of {mechanics}, {amplifier}, {delay}{omitted}"
-
-
-def _between(value: float, ends: tuple[float, float] | None) -> str:
-    """Return a number, or its range, in words."""
-    return f"{value:g}" if ends is None else f"{ends[0]:g} to {ends[1]:g}"
 
 
 @dataclass(frozen=True)
@@ -95,7 +77,7 @@ class Rest:
 
     Attributes:
         outcome: proved, refuted or open.
-        sentence: the claim, or why it is refuted or open, in words.
+        ground: what is proved, what refutes it, or why it is open; of a proof in a file its sentence.
         contact: how the law makes contact.
         law: the law, clipped last.
         device: the device as declared.
@@ -107,7 +89,7 @@ class Rest:
     """
 
     outcome: Outcome
-    sentence: str
+    ground: Ground = field(compare=False)
     contact: Contact
     law: ContactLaw
     device: Device
@@ -116,6 +98,11 @@ class Rest:
     cells: int = 0
     seconds: float = field(default=0.0, compare=False)
     unstable: Unstable | None = None
+
+    @property
+    def sentence(self) -> str:
+        """The claim, or why it is refuted or open, in words."""
+        return worded(self.ground, self.device.units)
 
     def verify(self, progress: Progress = SILENT) -> bool:
         """Return whether the stored multiplier verifies again; law and device must share T, and the box be valid."""
@@ -130,7 +117,19 @@ class Rest:
 
     def document(self) -> dict[str, Any]:
         """Return JSON values; `from_document` reads them."""
-        kept = plain_table({**vars(self), "law": self.law.document(), "device": self.device.model_dump(mode="json")})
+        kept = plain_table(
+            {
+                "outcome": self.outcome,
+                "sentence": self.sentence,
+                "contact": self.contact,
+                "law": self.law.document(),
+                "device": self.device.model_dump(mode="json"),
+                "hand": self.hand,
+                "multiplier": None,
+                "cells": self.cells,
+                "seconds": self.seconds,
+            }
+        )
         evidence = {
             "multiplier": None if self.multiplier is None else plain(dict(self.multiplier.taps)),
             "unstable": None if self.unstable is None else plain(vars(self.unstable)),
@@ -143,7 +142,7 @@ class Rest:
         taps, unstable = data["multiplier"], data["unstable"]
         return cls(
             outcome=data["outcome"],
-            sentence=data["sentence"],
+            ground=Stated(data["sentence"]),
             contact=data["contact"],
             law=ContactLaw.from_document(data["law"]),
             device=Device.model_validate(data["device"]),
@@ -168,26 +167,20 @@ def prove_rest(
     """Prove rest, refute it, or give the reason why it is open."""
     start_s = time.perf_counter()
 
-    def answer(outcome: Outcome, sentence: str, **more: Any) -> Rest:
-        return Rest(outcome, sentence, contact, law, device, dict(hand), seconds=time.perf_counter() - start_s, **more)
+    def answer(outcome: Outcome, ground: Ground, **more: Any) -> Rest:
+        return Rest(outcome, ground, contact, law, device, dict(hand), seconds=time.perf_counter() - start_s, **more)
 
     unstable = _unstable(law, device, hand, seed)
     if unstable is not None:
-        how = f"the loop is unstable in contact, with a spectral radius of {unstable.spectral_radius:.6g}"
-        return answer("refuted", f"{how} with {hand_text(unstable.hand, device.units.unit)}", unstable=unstable)
+        return answer("refuted", UnstableInContact(unstable.spectral_radius, unstable.hand), unstable=unstable)
     proof = _proof(law, device, hand, most_cells, progress)
-    open_for = _not_covered(law, contact, device)
+    not_covered = _not_covered(law, contact, device)
     multiplier = proof.multiplier
-    if multiplier is not None and not open_for:
-        sentence = (
-            f"settles with every hand of the range, wherever it rests and from any state, making and breaking "
-            f"contact ({coverage(device)}): one multiplier of {len(multiplier.taps)} taps, verified in "
-            f"{proof.cells} cells"
-        )
-        return answer("proved", sentence, multiplier=multiplier, cells=proof.cells)
-    remark = proof.why_not if multiplier is None else "without that it is proved"
-    sentence = "; ".join(filter(None, [*open_for, remark]))
-    return answer("open", sentence, multiplier=multiplier, cells=proof.cells)
+    ground: Ground = Open(not_covered, proof.no_multiplier)
+    if multiplier is not None and not not_covered:
+        ground = Settles(device, len(multiplier.taps), proof.cells)
+    outcome: Outcome = "proved" if isinstance(ground, Settles) else "open"
+    return answer(outcome, ground, multiplier=multiplier, cells=proof.cells)
 
 
 def _unstable(law: ContactLaw, device: Device, hand: Mapping[str, tuple[float, float]], seed: int) -> Unstable | None:
@@ -205,22 +198,18 @@ def _unstable(law: ContactLaw, device: Device, hand: Mapping[str, tuple[float, f
     return Unstable(hands.values(worst_hand), linear_values(devices[worst_device]), float(radius.max()))
 
 
-def _not_covered(law: ContactLaw, contact: Contact, device: Device) -> list[str]:
-    """Return what of law, contact and device this proof does not know, in words."""
-    unit = device.units.unit("m")
-    play = max(device.backlash_m, *(device.range.backlash_m or (0.0,)))
-    dead_zone = 0.0 if law.state_feedback is None else law.state_feedback.dead_zone_m
-    second = "is a second nonlinearity, which this proof does not cover"
-    reasons = []
-    if play > 0:
-        reasons.append(f"the play of {quantity(play, unit)} {second}")
+def _not_covered(law: ContactLaw, contact: Contact, device: Device) -> tuple[NotCovered, ...]:
+    """Return what of law, contact and device this proof does not know."""
+    play_m = max(device.backlash_m, *(device.range.backlash_m or (0.0,)))
+    dead_zone_m = 0.0 if law.state_feedback is None else law.state_feedback.dead_zone_m
+    not_covered = []
+    if play_m > 0:
+        not_covered.append(NotCovered(Nonlinearity.PLAY, play_m))
     if contact == "gated":
-        reasons.append(
-            'contact = "gated" cannot be proved: only "clip-last" is a single nonlinearity with a slope from 0 to 1'
-        )
-    if dead_zone > 0:
-        reasons.append(f"the dead zone of {quantity(dead_zone, unit)} {second}")
-    return reasons
+        not_covered.append(NotCovered(Nonlinearity.GATED_CONTACT))
+    if dead_zone_m > 0:
+        not_covered.append(NotCovered(Nonlinearity.DEAD_ZONE, dead_zone_m))
+    return tuple(not_covered)
 
 
 def promising(law: ContactLaw, held: SampledPlantBox) -> float:
@@ -234,7 +223,7 @@ class _Proof:
     """A multiplier that was verified, or the reason why there is none; and the number of evaluated cells."""
 
     multiplier: Multiplier | None = None
-    why_not: str = ""
+    no_multiplier: NoMultiplier | None = None
     cells: int = 0
 
 
@@ -243,26 +232,27 @@ def _proof(
 ) -> _Proof:
     """Search for a multiplier and verify it, with more hands where it fails between those it was found for."""
     if not law.stable:
-        return _Proof(why_not="the law has a pole on or outside the unit circle while it gives no force")
+        return _Proof(no_multiplier=NoMultiplier(NoMultiplierBecause.UNSTABLE_LAW))
     try:
         held = SampledPlantBox(device, hand)
         held.tail(np.array([np.pi]))
     except UnsupportedError as refusal:
-        return _Proof(why_not=str(refusal))
+        return _Proof(no_multiplier=NoMultiplier(NoMultiplierBecause.UNSUPPORTED, message=str(refusal)))
     points = _Points.of(law, held)
     cells = 0
     for _ in range(_ATTEMPTS):
         multiplier, margin = search(points.omega, points.loop)
         if not margin > 0 or not multiplier.valid:
-            return _Proof(why_not=f"no multiplier of {len(LAGS)} taps serves all hands", cells=cells)
+            none_serves = NoMultiplier(NoMultiplierBecause.NONE_SERVES, len(LAGS))
+            return _Proof(no_multiplier=none_serves, cells=cells)
         verification = verify(law, held, multiplier, most_cells=most_cells, progress=progress)
         cells += verification.cells
         if verification.holds:
             return _Proof(multiplier=multiplier, cells=cells)
         if verification.fails_at is None:
-            return _Proof(why_not=f"verification stopped after {cells} cells", cells=cells)
+            return _Proof(no_multiplier=NoMultiplier(NoMultiplierBecause.STOPPED, cells), cells=cells)
         points = points.with_hand(law, held, verification.fails_at)
-    return _Proof(why_not="the multiplier failed between the hands it was found for, six times over", cells=cells)
+    return _Proof(no_multiplier=NoMultiplier(NoMultiplierBecause.FAILED_BETWEEN), cells=cells)
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ from avc_casadi.claims.joint import JointCertificate
 from avc_casadi.claims.level_claims import LevelFinding, WhyNotJudged
 from avc_casadi.claims.mass_width import MassWidth
 from avc_casadi.claims.own_law import LawCertificate
+from avc_casadi.claims.prove.grounds import Ground
 from avc_casadi.claims.zwidth import NoWallProof, WallClaim, ZWidth
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.comparison.comparison import Comparison
@@ -40,6 +41,7 @@ from avc_casadi.present.rows import (
     judge,
     law_words,
     level_words,
+    proof_words,
 )
 from avc_casadi.present.rows.reasons import clauses, sentence
 from avc_casadi.present.rows.recommend import recommendation
@@ -68,6 +70,7 @@ answer_of.register(LawCertificate, judge.own_law)
 clauses.register(LawCertificate, law_words.law_clauses)
 clauses.register(Assumption, assumption_words.assumption_clauses)
 clauses.register(Unused, assumption_words.unused_clauses)
+clauses.register(Ground, proof_words.ground_clauses)
 clauses.register(LevelFinding, level_words.level_clauses)
 clauses.register(WhyNotJudged, level_words.refusal_clauses)
 clauses.register(LimitCycleFreedom, level_words.limit_cycle_clauses)

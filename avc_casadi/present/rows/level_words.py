@@ -34,7 +34,7 @@ from avc_casadi.claims.level_claims import (
     Unsupported,
     WhyNotJudged,
 )
-from avc_casadi.claims.prove.rest import Outcome
+from avc_casadi.claims.prove.grounds import Outcome
 from avc_casadi.claims.zwidth import CurveKey, NoWallProof, WallClaim
 from avc_casadi.design.pair_certificate import PairCertificate
 from avc_casadi.design.virtual_tool import PairFault
