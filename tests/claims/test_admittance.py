@@ -1,5 +1,6 @@
 """Admittance devices: the loop against one that is written out a second time, limits, remedies, and what is refused."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -15,6 +16,8 @@ from avc_casadi.loops.loop import Body
 from avc_casadi.loops.margins import SOUND_DISK, OpenLoop
 from avc_casadi.loops.wall import closed
 from avc_casadi.model.hands import Hand
+from avc_casadi.present import rows
+from avc_casadi.present.row import Mark
 
 LAWS = ((40.0, 120.0, 1.0025777), (20.0, 400.0, 1.0011701), (25.0, 400.0, 0.9993504))
 """Virtual mass, damping and radius of the arm below in a stiff grip, as a public question has them."""
@@ -189,6 +192,14 @@ def test_it_prints_and_writes_what_was_found():
     assert data["deployable"]["pass"] == stated.passed
     assert data["law"]["admittance"]["mass_kg"] == stated.law.mass_kg
     assert [case["handle"] for case in data["cases"]] == ["held", "pressed", "leaning", "released"]
+
+
+def test_a_law_that_its_sensor_moves_has_a_caution():
+    judged = avc.certify_admittance("admittance/pedal", remedies=False, limits=False)
+    for noise, drift, moves in ((1e-3, 4e-3, False), (2e-3, 0.0, True), (0.0, 6e-3, True), (0.0, math.inf, True)):
+        changed = dataclasses.replace(judged, noise_m_per_s=noise, drift_m_per_s=drift)
+        marks = {row.label: row.mark for row in rows.admittance.certificate(changed).rows}
+        assert (marks["Sensor noise"] is Mark.CAUTION) == moves
 
 
 def test_without_a_law_there_is_nothing_to_judge():

@@ -29,6 +29,7 @@ from avc_casadi.model.table import shown as as_in_file
 from avc_casadi.present.row import Answer, Mark, Part, Row, Value, caution, commas, grade, parts, row, span
 from avc_casadi.present.rows import subject
 from avc_casadi.recommendation.admittance import AdmittanceRecommendation, BetterDevice
+from avc_casadi.simulation.judge import AT_REST_M_PER_S
 
 _HANDLES: dict[Handle, str] = {
     "held": "in a hand",
@@ -52,6 +53,8 @@ _CHANGES: dict[str, tuple[str, Quantity]] = {
 
 Interval = tuple[float, float]
 
+_NOISE_PEAK = 3.0
+"""Peaks of noise that come again and again, in rms."""
 _SHOWN_DAMPINGS = 6
 """Dampings of a region that an answer lists."""
 
@@ -365,11 +368,13 @@ def passivity(result: HandlePassivity) -> Row:
 
 
 def _noise(result: AdmittanceCertificate) -> Row:
-    """Return what noise and one step of the sensor do to a handle at rest."""
+    """Return what noise and one step of the sensor do to a handle at rest; a caution where it would not be at rest."""
+    at_rest_m_per_s = AT_REST_M_PER_S / result.problem.device.metres_per_unit
+    moves = max(_NOISE_PEAK * result.noise_m_per_s, result.drift_m_per_s) > at_rest_m_per_s
     drifts: tuple[Part, ...] = ()
     if result.drift_m_per_s:
         drifts = ("; with an error of one sensor step it drifts at", Value(_finite(result.drift_m_per_s), "speed"))
-    return row("Sensor noise", Value(result.noise_m_per_s, "speed"), "rms at rest", drifts)
+    return row("Sensor noise", Value(result.noise_m_per_s, "speed"), "rms at rest", drifts, mark=caution(moves))
 
 
 def _remedies(remedies: tuple[AdmittanceRemedy, ...]) -> tuple[Part, ...]:
