@@ -38,6 +38,7 @@ def test_each_slider_reaches_the_value_that_the_problem_has(base):
     begun = ask("start", base)
     found = ask("evaluate", base, extent="pictures")
     values = found["values"] | found["gains"]
+    assert found["headline"].startswith("drive ")
     assert {field["label"] for field in begun["gains"]} == {"virtual mass", "damping", "spring", "force below"}
     assert {"device.force_sensor.stiffness_n_per_m", "contact.stiffness_n_per_m.1"} <= set(values)
     assert not begun["couples"]
@@ -98,6 +99,8 @@ def test_rows_and_verdict_are_those_of_certify_and_the_region_that_of_zwidth():
     width = avc.mass_width(ARM)
     band = region["bands"][0]
     assert band["x"] == pytest.approx(width.damping_ns_per_m, rel=1e-5)
+    lightest = np.array([np.nan if value is None else value for value in region["series"][0]["y"]])
+    assert (np.isnan(lightest) == np.isnan(width.least_kg)).all()
     known = np.isfinite(width.sound_least_kg) & (width.sound_least_kg > 0)
     low = np.array([np.nan if value is None else value for value in band["low"]])
     assert low[known] == pytest.approx(width.sound_least_kg[known], rel=1e-5)

@@ -161,7 +161,7 @@ def _region(region: MassWidth, laws: Mapping[str, VirtualImpedance]) -> dict[str
     known = edges[np.isfinite(edges) & (edges > 0)]
     low, high = (known.min() / _VIEW, known.max() * _VIEW) if known.size else (0.1, 10.0)
     lines = [
-        line("lightest stable", "without", damping, np.where(region.least_kg > 0, region.least_kg, low)),
+        line("lightest stable", "without", damping, np.maximum(region.least_kg, low)),
         line("heaviest stable", "desired", damping, np.where(region.largest_kg < high, region.largest_kg, np.nan)),
     ]
     sound = {
@@ -207,7 +207,7 @@ def _saved(
 
 @headline_of.register
 def _headline(end: Contact, problem: AdmittanceProblem) -> tuple[Part, ...]:  # noqa: ARG001
-    return admittance.device_line(problem.device)[1:]
+    return ("drive", *admittance.device_line(problem.device)[1:])
 
 
 @file_of.register
