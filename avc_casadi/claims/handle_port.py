@@ -54,7 +54,7 @@ class HandlePassivity:
         return self.released_stable and math.isinf(self.from_hz)
 
 
-class HandlePort:
+class ReleasedHandle:
     """The released loop of a law on a device without ranges, as a hand at the handle meets it."""
 
     def __init__(self, device: SensorDevice, law: Law) -> None:
@@ -66,7 +66,9 @@ class HandlePort:
 
     def impedance(self, turns: FloatArray) -> ComplexArray:
         """Return Z, N.s/m, where the push turns by these angles in a sample."""
-        device, names, size = self.device, self.plant.names, self.plant.states
+        device = self.device
+        names = self.plant.names
+        size = self.plant.states
         pull = handle_pull(device, names)
         inputs = np.stack([pull, self.plant.force.reshape(size)], axis=-1)
         pencil = (1j * turns / device.sample_time_s)[:, None, None] * np.eye(size) - self.plant.matrix.reshape(size, -1)
@@ -100,5 +102,5 @@ class HandlePort:
 
 def passivity(devices: Iterable[SensorDevice], law: Law) -> HandlePassivity:
     """Return the least passive of devices at the corners of their ranges."""
-    judged = [HandlePort(device, law).passivity() for device in devices]
+    judged = [ReleasedHandle(device, law).passivity() for device in devices]
     return HandlePassivity(all(port.released_stable for port in judged), min(port.from_hz for port in judged))
