@@ -170,6 +170,20 @@ def test_the_command_prints_counts_and_its_code_is_the_verdict(tmp_path, monkeyp
     assert "states no friction" in capsys.readouterr().err
 
 
+@pytest.mark.slow
+def test_a_handle_that_coasts_for_long_is_watched_until_it_rests():
+    """Of 12 kg and 5 N.s/m the time constant of a released handle is 13/5 s: 8.5 s from 0.13 m/s to 5 mm/s."""
+    quiet = {"noise_rms_n": 0.0, "resolution_n": 0.0}
+    problem = avc.load_admittance("admittance/cobot").changed(
+        device={"force_sensor": quiet},
+        law={"admittance": {"damping_ns_per_m": 5.0}},
+        contact={"stiffness_n_per_m": [0.0, 0.0]},
+    )
+    found = try_admittance(problem, 4)
+    assert found.by_motion["release"] == 4
+    assert found.longest_s > 4.0 + 13.0 / 5.0 * math.log(0.125 / 5e-3)
+
+
 def test_without_a_law_or_a_hand_nothing_is_tried():
     problem = avc.load_admittance("admittance/cobot")
     with pytest.raises(avc.InputError, match="law: is missing"):

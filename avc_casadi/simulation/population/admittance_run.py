@@ -43,6 +43,8 @@ _STRUCK_M_PER_S = 0.1
 """Speed of a handle that is struck."""
 _RELEASED_S = 2.0
 """When a hand that guides or presses lets go: where it guides, at full speed."""
+_THROWN = 2.0
+"""Speed of a handle that a contact throws back, over that of guiding."""
 _LEAST_REST_S = 1.0
 """Shortest time from the end of all motions to the end, of which the last half second is judged."""
 _NOISE = 5
@@ -349,7 +351,8 @@ def _way_m(task: HandTask) -> float:
 def _rest_s(task: HandTask, way_m: float) -> float:
     """Return how long the hands keep still, until the slowest motion of all loops has decayed to the speed of rest.
 
-    A pole s of a loop moves at most at the speed of guiding, or at |s| times the way; it decays by exp(Re s t), or
+    A pole s of a loop moves at most at the speed of guiding, or at |s| times the way. A released handle coasts from
+    that speed whatever its way, or from twice it where a contact throws it back. A pole decays by exp(Re s t), or
     grows by as much where it is unstable.
     """
     device, law = task.device, task.law.law(task.device.sample_time_s)
@@ -363,5 +366,7 @@ def _rest_s(task: HandTask, way_m: float) -> float:
     with np.errstate(divide="ignore", invalid="ignore"):
         rates = np.log(poles) / device.sample_time_s
         speed = np.minimum(2 * math.pi * GUIDE_HZ * way_m, np.abs(rates) * way_m)
+        released = slice(len(speed) // 2, None)
+        speed[released] = _THROWN * 2 * math.pi * GUIDE_HZ * way_m
         decay_s = np.where(speed > rest_m_per_s, np.log(speed / rest_m_per_s) / np.abs(rates.real), 0.0)
     return float(np.clip(np.nanmax(decay_s, initial=0.0), _LEAST_REST_S, LONGEST_S - _MOTION_S))
