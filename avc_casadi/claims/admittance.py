@@ -44,6 +44,8 @@ from avc_casadi.model.sensed import SensorProblem
 
 Interval = tuple[float, float]
 
+# Peaks of noise that come again and again, in rms.
+_NOISE_PEAK = 3.0
 # A limit is confirmed by at most so many searches of the ranges, so far inside the boundary.
 _SEARCHES = 4
 _JUST_INSIDE = 1e-6
@@ -475,6 +477,11 @@ def velocity_noise(law: VirtualImpedance, device: AdmittanceDevice) -> float:
     whole = law.law(device.sample_time_s)
     of_force = Law(whole.a, whole.b[..., 1:], whole.c, whole.d[..., 1:], whole.sample_time_s)
     return noise_n * noise_gain(of_force)
+
+
+def speed_at_rest(noise_m_per_s: float, drift_m_per_s: float) -> float:
+    """Return how fast the sensor alone moves a handle at rest: at 3 rms of its noise, or at the drift of one step."""
+    return max(_NOISE_PEAK * noise_m_per_s, drift_m_per_s)
 
 
 def drift(law: VirtualImpedance, device: AdmittanceDevice) -> float:

@@ -1,5 +1,8 @@
 """Which virtual mass and damping an admittance device should render: the least effort with a sound disk margin.
 
+The sensor alone must not move a handle at rest: 3 rms of its noise, and the drift of one of its steps, stay below the
+speed at which a trial counts a handle as moving.
+
 The effort is that of a hand that moves the handle at 1 Hz, |j w M + B|, without the spring. Over a grid of dampings the
 lightest sound mass is found at the corners of the ranges; the best law is confirmed by a search of the ranges, whose
 worst plants join these.
@@ -22,12 +25,16 @@ from avc_casadi.claims.admittance import (
     AdmittanceCertificate,
     HandleAnalysis,
     certify_admittance,
+    drift,
+    speed_at_rest,
+    velocity_noise,
     with_device_value,
 )
 from avc_casadi.claims.mass_width import MassSpans, Span, held_span
 from avc_casadi.files.admittance_file import AnyAdmittance, as_admittance
 from avc_casadi.loops.margins import SOUND_DISK
-from avc_casadi.model.admittance import AdmittanceProblem, VirtualImpedance
+from avc_casadi.model.admittance import AdmittanceDevice, AdmittanceProblem, VirtualImpedance
+from avc_casadi.simulation.judge import AT_REST_M_PER_S
 
 EFFORT_HZ = 1.0
 """Frequency of a hand that guides: the effort counts there."""
@@ -38,6 +45,8 @@ _COARSE = 3
 _FINE = 7
 # A damping that differs by less is not felt as another.
 _FELT_RATIO = 1.01
+# Bisections of the lightest mass that rests: to a hundredth of it, over five decades.
+_BISECTIONS = 10
 # A law is confirmed by at most so many searches, each of which may refuse it.
 _SEARCHES = 5
 # What a search refuses is set back by this share of its margin.
@@ -104,7 +113,10 @@ class AdmittanceRecommendation(Printed):
     def reason(self) -> str:
         """What decides, in one line."""
         if self.certificate is None:
-            return f"no virtual mass and damping has a disk margin of {SOUND_DISK} with every hand and contact"
+            return (
+                f"no virtual mass and damping has a disk margin of {SOUND_DISK} with every hand and contact, and "
+                "keeps the handle at rest in spite of the sensor's noise and steps"
+            )
         return self.certificate.reason
 
     def __repr__(self) -> str:
@@ -140,20 +152,20 @@ class _Choice(MassSpans):
             lambda dampings: self.response.sound(self.laws(mass_kg, dampings), limit), self.scales.dampings_ns_per_m
         )
 
-    def best(self, limit: float) -> VirtualImpedance | None:
-        """Return the law of least effort with a disk margin of at least a limit; None where no law has it."""
+    def best(self, limit: float, device: AdmittanceDevice) -> VirtualImpedance | None:
+        """Return the law of least effort that has a disk margin and rests; None where there is none."""
         dampings = self.scales.dampings_ns_per_m[::_COARSE]
-        chosen = self._best_of(dampings, limit)
+        chosen = self._best_of(dampings, limit, device)
         ratio = dampings[1] / dampings[0]
         while chosen is not None and ratio > _FELT_RATIO:
             damping = chosen.damping_ns_per_m
-            finer = self._best_of(damping * ratio ** np.linspace(-1.0, 1.0, _FINE), limit)
+            finer = self._best_of(damping * ratio ** np.linspace(-1.0, 1.0, _FINE), limit, device)
             chosen = chosen if finer is None or effort_ns_per_m(finer) > effort_ns_per_m(chosen) else finer
             ratio = ratio ** (2.0 / (_FINE - 1))
         return chosen
 
-    def _best_of(self, dampings: FloatArray, limit: float) -> VirtualImpedance | None:
-        found = []
+    def _best_of(self, dampings: FloatArray, limit: float, device: AdmittanceDevice) -> VirtualImpedance | None:
+        laws = []
         least = math.inf
         for damping in dampings.tolist():
             if damping > least:
@@ -161,10 +173,40 @@ class _Choice(MassSpans):
             span = self.masses(damping, limit)
             if math.isnan(span.low):
                 continue
-            mass = span.low or float(self.scales.masses_kg[0])
-            found.append(self.base.model_copy(update={"mass_kg": mass, "damping_ns_per_m": damping}))
-            least = min(least, effort_ns_per_m(found[-1]))
-        return min(found, key=effort_ns_per_m, default=None)
+            law = self._lightest_at_rest(damping, span, device)
+            if law is None:
+                continue
+            laws.append(law)
+            least = min(least, effort_ns_per_m(law))
+        return min(laws, key=effort_ns_per_m, default=None)
+
+    def _lightest_at_rest(
+        self, damping_ns_per_m: float, span: Span, device: AdmittanceDevice
+    ) -> VirtualImpedance | None:
+        """Return the law of the lightest mass of a span that the sensor alone does not move; None where all move."""
+        lightest = span.low or float(self.scales.masses_kg[0])
+        heaviest = min(span.high, float(self.scales.masses_kg[-1]))
+
+        def law_of(mass_kg: float) -> VirtualImpedance:
+            return self.base.model_copy(update={"mass_kg": mass_kg, "damping_ns_per_m": damping_ns_per_m})
+
+        if _rests(law_of(lightest), device):
+            return law_of(lightest)
+        if heaviest <= lightest or not _rests(law_of(heaviest), device):
+            return None
+        # A heavier mass is moved less by noise: the limit is bisected.
+        for _ in range(_BISECTIONS):
+            middle = math.sqrt(lightest * heaviest)
+            if _rests(law_of(middle), device):
+                heaviest = middle
+            else:
+                lightest = middle
+        return law_of(heaviest)
+
+
+def _rests(law: VirtualImpedance, device: AdmittanceDevice) -> bool:
+    """Return whether the sensor alone moves a handle at rest more slowly than what counts as moving."""
+    return speed_at_rest(velocity_noise(law, device), drift(law, device)) < AT_REST_M_PER_S / device.metres_per_unit
 
 
 def recommend_admittance(problem: AnyAdmittance, progress: Progress = SILENT) -> AdmittanceRecommendation:
@@ -245,7 +287,7 @@ def _least_effort(
     found = []
     for base in bases:
         stages.begin("force without a filter" if base.cutoff_hz is None else f"force below {base.cutoff_hz:g} Hz")
-        found.append(_Choice.of(analysis, base).best(limit))
+        found.append(_Choice.of(analysis, base).best(limit, analysis.problem.device))
     return min((law for law in found if law is not None), key=effort_ns_per_m, default=None)
 
 
@@ -272,7 +314,7 @@ def _better_devices(
         if before == 0:
             continue
         changed = analysis.changed(with_device_value(problem, key, before * factor))
-        better = _Choice.of(changed, law).best(limit)
+        better = _Choice.of(changed, law).best(limit, changed.problem.device)
         if better is not None and effort_ns_per_m(better) < effort_ns_per_m(law):
             effort = effort_ns_per_m(better)
             found.append(BetterDevice(key, before * factor, better.mass_kg, better.damping_ns_per_m, effort))

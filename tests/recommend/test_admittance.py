@@ -117,3 +117,23 @@ def test_options_of_walls_and_couplings_are_refused(capsys):
     assert "allowed: .toml" in capsys.readouterr().err
     assert main(["recommend", "figure5", "--out", "c.toml"]) == 2
     assert "allowed: .json" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_a_sensor_of_coarse_steps_gets_a_damping_at_which_the_handle_rests():
+    """One step of the sensor moves a free handle at f/B, noise at the rms of a simulated law: both below 5 mm/s."""
+    coarse = avc.load_admittance("admittance/cobot").changed(
+        device={"force_sensor": {"resolution_n": 1.0, "noise_rms_n": 1.5}}
+    )
+    found = avc.recommend_admittance(coarse)
+    assert found.passed
+    law, period_s = found.law, coarse.device.sample_time_s
+    assert 1.0 / law.damping_ns_per_m < 5e-3
+    keeps = math.exp(-2 * math.pi * law.cutoff_hz * period_s) if law.cutoff_hz else 0.0
+    filtered = velocity = 0.0
+    speeds = []
+    for force in np.random.default_rng(3).normal(0.0, math.hypot(1.5, 1 / math.sqrt(12)), 200_000):
+        filtered = keeps * filtered + (1 - keeps) * force
+        velocity = (law.mass_kg * velocity + period_s * filtered) / (law.mass_kg + law.damping_ns_per_m * period_s)
+        speeds.append(velocity)
+    assert 3 * np.std(speeds[1000:]) < 5e-3 * 1.05

@@ -9,7 +9,13 @@ import numpy as np
 
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.units import Quantity
-from avc_casadi.claims.admittance import AdmittanceCertificate, AdmittanceRemedy, HandleCase, HandleVerdict
+from avc_casadi.claims.admittance import (
+    AdmittanceCertificate,
+    AdmittanceRemedy,
+    HandleCase,
+    HandleVerdict,
+    speed_at_rest,
+)
 from avc_casadi.claims.handle_port import HandlePassivity
 from avc_casadi.claims.mass_width import MassWidth
 from avc_casadi.files.catalogue import admittance_names
@@ -53,8 +59,6 @@ _CHANGES: dict[str, tuple[str, Quantity]] = {
 
 Interval = tuple[float, float]
 
-_NOISE_PEAK = 3.0
-"""Peaks of noise that come again and again, in rms."""
 _SHOWN_DAMPINGS = 6
 """Dampings of a region that an answer lists."""
 
@@ -370,7 +374,7 @@ def passivity(result: HandlePassivity) -> Row:
 def _noise(result: AdmittanceCertificate) -> Row:
     """Return what noise and one step of the sensor do to a handle at rest; a caution where it would not be at rest."""
     at_rest_m_per_s = AT_REST_M_PER_S / result.problem.device.metres_per_unit
-    moves = max(_NOISE_PEAK * result.noise_m_per_s, result.drift_m_per_s) > at_rest_m_per_s
+    moves = speed_at_rest(result.noise_m_per_s, result.drift_m_per_s) > at_rest_m_per_s
     drifts: tuple[Part, ...] = ()
     if result.drift_m_per_s:
         drifts = ("; with an error of one sensor step it drifts at", Value(_finite(result.drift_m_per_s), "speed"))
