@@ -7,6 +7,7 @@ import argparse
 import avc_casadi as avc
 from avc_casadi.cli import arguments as cli
 from avc_casadi.cli.console import Console, write_figure
+from avc_casadi.cli.law import read_numbers
 from avc_casadi.files.admittance_file import dump_admittance, load_sensor_problem
 from avc_casadi.present import rows
 from avc_casadi.present.row import Answer
@@ -34,6 +35,7 @@ def certified(args: argparse.Namespace, console: Console) -> Answer:
         with console.step("force feedback"):
             return rows.force_feedback.certificate(avc.certify_force_feedback(problem), args.problem)
     cli.refuse(args, *others, why=_OF_FORCES)
+    read_numbers(args, problem.units, problem.device.metres_per_unit)
     typed = {key: getattr(args, option) for option, key in _LAW.items() if getattr(args, option) is not None}
     with console.step("admittance law"):
         return rows.admittance.certificate(avc.certify_admittance(problem, law=typed, progress=console), args.problem)

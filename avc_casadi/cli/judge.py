@@ -24,12 +24,12 @@ _VELOCITY = 'estimate v by "window 5", "low-pass 80 Hz", "kalman 40 Hz", "ticks 
     cli.argument("gains", metavar="GAINS", nargs="?", text="coupling file (.json) or table of gains (.csv) for P"),
     cli.flag("--prove", _PROVE),
     cli.argument("--proof-out", metavar="DIR", text="do --prove, and write proofs and counterexamples to this folder"),
-    cli.argument("--k", "--kp", type=float, metavar="K", text="set the spring k in N/m or N.m/rad (default: 0)"),
-    cli.argument("--b", "--kd", type=float, metavar="B", text="set the damper b in N.s/m or N.m.s/rad (default: 0)"),
-    cli.argument("--b-p", type=float, metavar="B", text="set the damper b_p, active outside the wall too (default: 0)"),
-    cli.argument("--cutoff-hz", type=float, metavar="F", text=_CUTOFF),
-    cli.argument("--ki", type=float, metavar="KI", text="set the integral gain in N/(m.s) or N.m/(rad.s) (default: 0)"),
-    cli.argument("--virtual-mass", type=float, metavar="M", text="set the virtual mass in kg or kg.m2 (default: 0)"),
+    cli.argument("--k", "--kp", metavar="K", text="set the spring k in N/m or N.m/rad (default: 0)"),
+    cli.argument("--b", "--kd", metavar="B", text="set the damper b in N.s/m or N.m.s/rad (default: 0)"),
+    cli.argument("--b-p", metavar="B", text="set the damper b_p, active outside the wall too (default: 0)"),
+    cli.argument("--cutoff-hz", metavar="F", text=_CUTOFF),
+    cli.argument("--ki", metavar="KI", text="set the integral gain in N/(m.s) or N.m/(rad.s) (default: 0)"),
+    cli.argument("--virtual-mass", metavar="M", text="set the virtual mass in kg or kg.m2 (default: 0)"),
     cli.argument("--velocity", metavar="HOW", text=_VELOCITY),
     cli.argument("--notch", metavar="F", text='set a notch filter of the command, such as "150 Hz" (default: none)'),
     cli.argument("--friction-compensation", metavar="F", text=_COMPENSATION),
@@ -45,21 +45,24 @@ def run_certify(args: argparse.Namespace, console: Console) -> Answer:
     -(k x + (b + b_p) v). These options replace the wall of P, or single values of its table [law].
     With a [simulation] or [follower], --k, --b and --b-p set K, B and the damper in the device's loop.
     For an admittance device, --virtual-mass, --b, --k and --cutoff-hz replace values of its law.
+    Each number may have a unit: `--k "3 kN/m"`.
     """
     from avc_casadi.claims.own_law import law_problem
     from avc_casadi.cli import admittance, ends
-    from avc_casadi.cli.law import law_pieces, states_law, with_pieces
+    from avc_casadi.cli.law import law_pieces, read_numbers, states_law, with_pieces
     from avc_casadi.files.admittance_file import is_admittance
 
     if is_admittance(args.problem):
         return admittance.certified(args, console)
 
-    law = {key: getattr(args, key) for key in ("k", "b", "b_p", "cutoff_hz") if getattr(args, key) is not None}
-    typed = ("ki", "virtual_mass", "velocity", "notch", "friction_compensation")
-    of_pieces = any(getattr(args, key) is not None for key in typed)
-    if law or of_pieces or states_law(args.problem, args.gains):
+    of_plain_law = ("k", "b", "b_p", "cutoff_hz")
+    of_pieces = ("ki", "virtual_mass", "velocity", "notch", "friction_compensation")
+    typed = any(getattr(args, key) is not None for key in (*of_plain_law, *of_pieces))
+    if typed or states_law(args.problem, args.gains):
         cli.refuse(args, "prove", "proof_out", "gains", why="does not apply to your own gains; leave it out")
         problem = law_problem(args.problem)
+        read_numbers(args, problem.units, problem.device.metres_per_unit)
+        law = {key: getattr(args, key) for key in of_plain_law if getattr(args, key) is not None}
         pieces = law_pieces(args, problem.units, problem.device.metres_per_unit)
         if pieces:
             problem = with_pieces(problem, pieces, law)

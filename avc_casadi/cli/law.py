@@ -11,14 +11,32 @@ from avc_casadi._util.units import Units
 from avc_casadi.files.problem_file import is_device
 from avc_casadi.model.control_law import VELOCITIES
 from avc_casadi.model.joint import Joint
-from avc_casadi.model.quantity import read_quantity
+from avc_casadi.model.quantity import read_quantity, unit_of_key
 from avc_casadi.model.table import shown
 
 _TYPED = {"k": "stiffness_n_per_m", "b": "damping_ns_per_m", "b_p": "local_damping_ns_per_m"}
-
+_NUMBERS = {
+    **_TYPED,
+    "cutoff_hz": "cutoff_hz",
+    "ki": "integral_n_per_m_s",
+    "virtual_mass": "virtual_mass_kg",
+}
+"""Options that state a number of a law, and its key."""
 
 FULL_SPEED_M_PER_S = 0.02
 """Speed at the handle from which a typed friction compensation pushes with all of its force, unless one is typed."""
+
+
+def read_numbers(args: argparse.Namespace, units: Units, metres_per_unit: float) -> None:
+    """Replace the numbers of a law as typed, with or without a unit, by their SI values in these units.
+
+    For a device that turns, a value may also be that of the handle, as in a file.
+    """
+    for option, key in _NUMBERS.items():
+        typed = getattr(args, option)
+        if typed is not None:
+            unit = unit_of_key(units.key(key), units)
+            setattr(args, option, _typed(typed, unit, option, metres_per_unit))
 
 
 def law_pieces(args: argparse.Namespace, units: Units, metres_per_unit: float) -> dict[str, Any]:
@@ -51,10 +69,11 @@ def with_pieces(problem: avc.Problem, pieces: dict[str, Any], law: dict[str, flo
 def _compensation(typed: str, units: Units, metres_per_unit: float) -> dict[str, float]:
     """Return the table of a friction compensation: its force and, after a comma, the speed of its full force."""
     force, _, speed = typed.partition(",")
-    force_n = _typed(force.strip(), units.unit("N"), "friction_compensation")
+    force_n = _typed(force.strip(), units.unit("N"), "friction_compensation", metres_per_unit)
     if not speed:
         return {"force_n": force_n, "velocity_m_per_s": FULL_SPEED_M_PER_S / metres_per_unit}
-    return {"force_n": force_n, "velocity_m_per_s": _typed(speed.strip(), units.unit("m/s"), "friction_compensation")}
+    full_speed = _typed(speed.strip(), units.unit("m/s"), "friction_compensation", metres_per_unit)
+    return {"force_n": force_n, "velocity_m_per_s": full_speed}
 
 
 def _velocity(typed: str) -> Any:
@@ -79,8 +98,9 @@ def hertz(typed: str, option: str) -> float:
     return _typed(typed, "Hz", option)
 
 
-def _typed(typed: str, unit: str, option: str) -> float:
+def _typed(typed: str, unit: str, option: str, metres_per_unit: float | None = None) -> float:
+    """Return a quantity as typed, in SI units."""
     try:
-        return read_quantity(typed, unit)
+        return read_quantity(typed, unit, metres_per_unit)
     except ValueError as error:
         raise avc.InputError.of(f"is {shown(typed)}, {error}", key=option) from None

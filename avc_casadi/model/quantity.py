@@ -103,6 +103,8 @@ def _words(word: str) -> Iterator[_Unit]:
 def _readings(text: str) -> Iterator[_Unit]:
     """Yield each reading of a unit, such as ``N.m/rad`` or ``counts per 10 mm``: its size in SI units, its powers."""
     text = text.translate(str.maketrans("\N{MICRO SIGN}\N{GREEK SMALL LETTER MU}\N{SUPERSCRIPT TWO}", "uu2", "^"))
+    # Each factor behind a stroke divides, in brackets or not.
+    text = re.sub(r"\(([^()/]*)\)", r"\1", text)
     sign, factors = 1, []
     factor = r"\d+\.?\d*|[^\W\d_]+\d?|\N{DEGREE SIGN}|/|[^\s.\N{MIDDLE DOT}*]"
     for part in re.findall(factor, re.sub(r"\bper\b", "/", text)):

@@ -1,0 +1,59 @@
+"""Your own gains on the command line: numbers in SI units, or with a unit."""
+
+import json
+
+import pytest
+
+from avc_casadi._util.units import LINEAR, ROTARY
+from avc_casadi.cli import build_parser, main
+from avc_casadi.cli.law import read_numbers
+
+RADIUS_M = 0.05
+GRAVITY_M_PER_S2 = 9.80665
+
+
+@pytest.mark.parametrize(
+    ("units", "option", "typed", "si"),
+    [
+        (LINEAR, "k", "3000", 3000.0),
+        (LINEAR, "k", "3kN/m", 3000.0),
+        (LINEAR, "k", "3 N/mm", 3000.0),
+        (LINEAR, "b", "12 N.s/m", 12.0),
+        (LINEAR, "b", "0.012 N/(mm/s)", None),
+        (LINEAR, "b_p", "50 mN.s/m", 0.05),
+        (LINEAR, "ki", "2 kN/(m.s)", 2000.0),
+        (LINEAR, "ki", "2 kN/m/s", 2000.0),
+        (LINEAR, "virtual_mass", "20 g", 0.02),
+        (LINEAR, "virtual_mass", "-20 g", -0.02),
+        (LINEAR, "cutoff_hz", "0.08 kHz", 80.0),
+        (ROTARY, "k", "500 mN.m/rad", 0.5),
+        (ROTARY, "k", "1 kgf.cm/rad", GRAVITY_M_PER_S2 / 100),
+        (ROTARY, "k", "200 N/m", 200 * RADIUS_M**2),
+        (ROTARY, "b", "2 mN.m.s/rad", 2e-3),
+        (ROTARY, "b", "0.8 N.s/m", 0.8 * RADIUS_M**2),
+        (ROTARY, "b_p", "2e-3", 2e-3),
+        (ROTARY, "ki", "25.5 kN.m/(rad.s)", 25500.0),
+        (ROTARY, "virtual_mass", "300 g.cm2", 3e-5),
+        (ROTARY, "k", "3 kg", None),
+        (ROTARY, "cutoff_hz", "fast", None),
+        (LINEAR, "k", "nan", None),
+        (LINEAR, "k", "1e999", None),
+    ],
+)
+def test_a_number_of_a_law_has_any_unit_of_its_quantity(units, option, typed, si):
+    args = build_parser().parse_args(["certify", "P", f"--{option.replace('_', '-')}={typed}"])
+    if si is None:
+        with pytest.raises(ValueError, match="not a quantity in") as refused:
+            read_numbers(args, units, RADIUS_M)
+        assert refused.value.faults[0].key == option
+        return
+    read_numbers(args, units, RADIUS_M)
+    assert getattr(args, option) == pytest.approx(si, rel=1e-14)
+
+
+def test_gains_with_and_without_a_unit_are_the_same_law(capsys):
+    certificates = []
+    for typed in (["--k", "300", "--b", "2"], ["--kp", "0.3 kN/m", "--kd=2000mN.s/m"]):
+        assert main(["certify", "figure5", *typed, "--json"]) == 0
+        certificates.append(json.loads(capsys.readouterr().out))
+    assert certificates[0] == certificates[1]
