@@ -324,6 +324,11 @@ class HandleVerdict(Printed):
         return self.stable and self.disk_margin >= LEAST_DISK
 
     @property
+    def deployable(self) -> bool:
+        """Whether the law may run on the device, as the row *Deployable* says: the same as `passed`."""
+        return self.passed
+
+    @property
     def reason(self) -> str:
         """What decides, in one line."""
         if not self.stable:

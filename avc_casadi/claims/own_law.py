@@ -118,6 +118,11 @@ class LawCertificate(Printed):
         return self.leans or (self.stable and self.disk_margin >= LEAST_DISK)
 
     @property
+    def deployable(self) -> bool:
+        """Whether the law may run on the device, as the row *Deployable* says: the same as `passed`."""
+        return self.passed
+
+    @property
     def quiet(self) -> bool:
         """Whether noise of the position gives no force that is felt."""
         return self.noise_n <= self.quiet_n
@@ -205,7 +210,7 @@ def certify_law(  # noqa: PLR0913 - options by name, of a public call
 
     Example:
         >>> law = avc.certify_law("knob", k=1.0, b=0.002)
-        >>> law.passed, round(law.held.damping_ratio, 2)
+        >>> law.deployable, round(law.held.damping_ratio, 2)
         (False, 0.06)
     """
     stated = require_wall(law_problem(problem))

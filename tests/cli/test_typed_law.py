@@ -4,6 +4,7 @@ import json
 
 import pytest
 
+import avc_casadi as avc
 from avc_casadi._util.units import LINEAR, ROTARY
 from avc_casadi.cli import build_parser, main
 from avc_casadi.cli.law import read_numbers
@@ -57,3 +58,17 @@ def test_gains_with_and_without_a_unit_are_the_same_law(capsys):
         assert main(["certify", "figure5", *typed, "--json"]) == 0
         certificates.append(json.loads(capsys.readouterr().out))
     assert certificates[0] == certificates[1]
+
+
+@pytest.mark.parametrize(
+    ("certify", "problem", "law"),
+    [
+        (avc.certify_law, "knob", {"k": 1.0, "b": 0.002, "remedies": False}),
+        (avc.certify_law, "knob", {"k": 0.2, "b": 0.004, "remedies": False}),
+        (avc.certify_admittance, "admittance/cobot", {"remedies": False, "limits": False}),
+    ],
+)
+def test_deployable_is_what_its_row_says(certify, problem, law):
+    judged = certify(problem, **law)
+    assert judged.deployable == judged.document()["deployable"]["pass"]
+    assert str(judged).partition("Deployable")[2].split()[0] == ("yes:" if judged.deployable else "no:")
