@@ -70,7 +70,7 @@ class RangeTried(Assumption):
     """How a range of the device is judged.
 
     Attributes:
-        key: of the range.
+        key: of the range, in the names of the device's motion.
         linear: whether linear stability is judged at its corners.
         devices: number of devices of the ranges that other hands try; 1 where only the nominal one is tried.
     """
@@ -128,7 +128,7 @@ class Unused(Worded):
     """A declared key that no candidate, certificate or trial uses.
 
     Attributes:
-        key: the key, or the name of its table.
+        key: the key, in the names of the device's motion, or the name of its table.
         why: why it is not used.
         end: kind of the end, where that is why.
     """

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import singledispatch
 
 import numpy as np
@@ -97,7 +98,7 @@ def assumed(problem: Problem, devices: int = 1) -> tuple[Assumption, ...]:
         assumptions.append(Simplification.NO_DETENTS_IN_TRIAL)
     for key in _ranges(problem):
         linear = key.partition(".range.")[2] in LINEAR_KEYS
-        assumptions.append(RangeTried(key, linear=linear, devices=devices))
+        assumptions.append(RangeTried(problem.units.key(key), linear=linear, devices=devices))
     slips = [Slip(doubt) for doubt in plausibility(problem)]
     return (*assumptions, *slips, *_assumed_of(problem.end))
 
@@ -207,7 +208,7 @@ def not_used(problem: Problem) -> tuple[Unused, ...]:
         for kind in alone
         if kind not in simulated
     ]
-    return tuple(unused)
+    return tuple(replace(item, key=problem.units.key(item.key)) for item in unused)
 
 
 @singledispatch
