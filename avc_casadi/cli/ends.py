@@ -6,6 +6,7 @@ Verbs load this module when they run, so that `avc --help` is quick.
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from functools import singledispatch
@@ -93,7 +94,7 @@ def certified(
 ) -> Answer:
     """Return the answer of `certify` of a coupling to an end."""
     cli.refuse(args, "prove", "proof_out", why=cli.OF_WALLS)
-    return _pair_certified(subject.problem, coupling.gains, args.gains or args.problem, console)
+    return _pair_certified(subject.problem, coupling.gains, args.gains or args.problem, console, subject.notes)
 
 
 @certified.register
@@ -203,12 +204,14 @@ def coupling_text(coupling: Coupling, **further: Any) -> str:
     return json_text(further | coupling_document(coupling), coupling.units)
 
 
-def _pair_certified(problem: avc.Problem, gains: ToolGains, file: str, console: Console) -> Answer:
+def _pair_certified(
+    problem: avc.Problem, gains: ToolGains, file: str, console: Console, notes: Sequence[str] = ()
+) -> Answer:
     with console.step("certificate"):
         search = search_of(problem.end, problem)
         certificate = certify_pair(problem, gains, search)
         fault = search.fault(gains)
-    result = rows.judge.CertifiedPair(problem, gains, file, certificate, fault, not_used(problem))
+    result = rows.judge.CertifiedPair(problem, gains, file, certificate, fault, not_used(problem), tuple(notes))
     return rows.judge.pair_certificate(result)
 
 
@@ -253,7 +256,8 @@ def _simulated_with_tool(end: Simulation, subject: GivenCoupling, args: argparse
         run = avc.simulate(staged, seed=args.seed)
     write_figure(console, args.plot, lambda: avc.figures.draw_scene([run], ["coupling to the simulation"]))
     given, trace = subject.coupling is not None, _trace(run, args, console)
-    return rows.judge.pair_scene(SimulatedPair(run, gains, given=given, trace=trace), problem, args.problem)
+    result = SimulatedPair(run, gains, given=given, trace=trace, notes=tuple(subject.notes))
+    return rows.judge.pair_scene(result, problem, args.problem)
 
 
 def _trace(run: avc.Run, args: argparse.Namespace, console: Console) -> Path | None:

@@ -168,12 +168,14 @@ class SimulatedPair:
         gains: the coupling.
         given: whether the coupling was given; else it is the recommended one.
         trace: file of the traces, if they are written.
+        notes: where the coupling was designed for another problem.
     """
 
     run: Run
     gains: ToolGains
     given: bool
     trace: Path | None = None
+    notes: tuple[str, ...] = ()
 
     @property
     def coupling(self) -> str:
@@ -187,6 +189,7 @@ class SimulatedPair:
             "effects": list(self.run.effects),
             "contact_damping_ns_per_m": None,
             **plain(self.gains),
+            "notes": list(self.notes),
         }
 
 

@@ -77,15 +77,15 @@ def certificate(result: CertifiedCoupling, shown: str | None = None) -> Answer:
     problem, levels_of = result.certificate.definition, result.certificate.levels
     shown = subject.name_of(problem) if shown is None else shown
     rows = [
+        *subject.notes(result.notes),
+        *subject.law_not_used(
+            problem, "this answer is about the coupling; avc certify without a gain file judges the law"
+        ),
         subject.deployable(result.verdict),
         *_claims(result.verdict, levels_of["L5"]),
         *(_proof(level) for level in levels_of.values() if level.outcome),
         row("Passivity", "; ".join(_passivity_levels(levels_of))),
         subject.passive_limit(result.certificate.passive_limit_n_per_m),
-        *subject.notes(result.notes),
-        *subject.law_not_used(
-            problem, "this answer is about the coupling; avc certify without a gain file judges the law"
-        ),
         *levels(levels_of),
     ]
     file = result.file
@@ -277,6 +277,7 @@ class CertifiedPair:
         certificate: stability and passivity.
         fault: why it should not run on a device; None where it may.
         not_used: declared keys that are no part of it.
+        notes: where the coupling was designed for another problem.
     """
 
     problem: Problem
@@ -285,6 +286,7 @@ class CertifiedPair:
     certificate: PairCertificate
     fault: PairFault | None
     not_used: tuple[Unused, ...]
+    notes: tuple[str, ...] = ()
 
     @property
     def passed(self) -> bool:
@@ -305,6 +307,7 @@ class CertifiedPair:
             "deployable": {"pass": self.passed, "sentence": self.sentence},
             **self.certificate.document(),
             "not_used": [str(unused) for unused in self.not_used],
+            "notes": list(self.notes),
         }
 
 
@@ -312,6 +315,7 @@ def pair_certificate(result: CertifiedPair) -> Answer:
     """Return the answer of `certify` of a coupling to a simulation: stability, and passivity apart."""
     problem, certificate = result.problem, result.certificate
     rows = [
+        *subject.notes(result.notes),
         row("Deployable", f"{'yes' if result.passed else 'no'}: {result.sentence}", mark=grade(result.passed)),
         row("Coupling", subject.pair_of(result.gains)),
         *stability(problem.end, certificate),
@@ -420,6 +424,8 @@ def scene(result: SimulatedScene, problem: Problem, shown: str = "") -> Answer:
     """Return the answer of `simulate` of a coupling to a wall."""
     run = result.run
     rows = [
+        *subject.notes(result.notes),
+        *([] if run.coupling == "law" else subject.law_not_used(problem)),
         _outcome(run),
         _coupling(result, problem),
         _rendered(run, problem),
@@ -427,8 +433,6 @@ def scene(result: SimulatedScene, problem: Problem, shown: str = "") -> Answer:
         *_at_the_end(run),
         *([] if result.without_guard is None else [_compared("No guard", result.without_guard)]),
         *(_compared(f"With {alternative.coupling}", alternative) for alternative in result.against),
-        *subject.notes(result.notes),
-        *([] if run.coupling == "law" else subject.law_not_used(problem)),
     ]
     if result.left_out:
         left = f"declared, but not in the scene: {', '.join(map(problem.units.key, result.left_out))}"
@@ -442,6 +446,7 @@ def scene(result: SimulatedScene, problem: Problem, shown: str = "") -> Answer:
 def pair_scene(result: SimulatedPair, problem: Problem, shown: str = "") -> Answer:
     """Return the answer of `simulate` of a coupling to a simulation."""
     rows = [
+        *subject.notes(result.notes),
         _outcome(result.run),
         row("Coupling", f"{result.coupling}:", subject.pair_of(result.gains)),
         _rendered(result.run, problem),
