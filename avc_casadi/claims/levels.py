@@ -110,8 +110,8 @@ LEVELS = {
     ),
     "L5": Level(
         "linearly stable with a set of hands",
-        "each frozen row is linearly stable with every hand of the ranges, on the loop that runs, without friction;"
-        " *checked* by corners, draws and a search for the worst hand",
+        "with the gains of any one row, the sampled loop without friction is linearly stable with every hand of the "
+        "ranges; *checked* at the corners, at random hands, and by a search for the worst hand",
         "passivity; hands outside the ranges; switching",
     ),
     "L7": Level(

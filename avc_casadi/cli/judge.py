@@ -20,7 +20,11 @@ _VELOCITY = 'estimate v by "window 5", "low-pass 80 Hz", "kalman 40 Hz", "ticks 
 
 
 @cli.verb(
-    cli.argument("problem", metavar="P", text="problem (file or name), coupling file, or device file with your gains"),
+    cli.argument(
+        "problem",
+        metavar="P",
+        text="problem (file or name), coupling file, or device file for your own gains",
+    ),
     cli.argument("gains", metavar="GAINS", nargs="?", text="coupling file (.json) or table of gains (.csv) for P"),
     cli.flag("--prove", _PROVE),
     cli.argument("--proof-out", metavar="DIR", text="do --prove, and write proofs and counterexamples to this folder"),
@@ -41,11 +45,10 @@ def run_certify(args: argparse.Namespace, console: Console) -> Answer:
 
     Deployable means linearly stable with every hand of [hands] and with the device released, with a
     sufficient disk margin. Exit code 1 if it is not.
-    Your own gains need no GAINS file: `avc certify P --k 230 --b 1.2` judges the force
+    Your own gains need no GAINS file: `avc certify P --k "3 kN/m" --b 12` judges the force
     -(k x + (b + b_p) v). These options replace the wall of P, or single values of its table [law].
     With a [simulation] or [follower], --k, --b and --b-p set K, B and the damper in the device's loop.
     For an admittance device, --virtual-mass, --b, --k and --cutoff-hz replace values of its law.
-    Each number may have a unit: `--k "3 kN/m"`.
     """
     from avc_casadi.claims.own_law import law_problem
     from avc_casadi.cli import admittance, ends

@@ -67,8 +67,8 @@ class StaticTuned:
         if self.gains is None:
             return self.reason
         return (
-            f"tuned constant gains: error {100 * self.error:.4g} %; linearly stable with every hand if "
-            f"{quantity(self.reserve_ns_per_m, damping)} of damping are missing; "
+            f"tuned constant gains: error {100 * self.error:.4g} %; linearly stable with every hand, even "
+            f"with {quantity(self.reserve_ns_per_m, damping)} less damping; "
             f"{self.hands} hands (seed {_SEED}) come to rest in the scene"
         )
 

@@ -70,7 +70,7 @@ class DeviceFile(t.Table):
             if not stated and key not in (*self.gaps, "amplifier_damping_ratio"):
                 yield ("device", key), f"is missing; give a value and its source, or add {key} to gaps (unknown values)"
             if stated != (source is not None):
-                fact = "is missing" if stated else "is the source of a missing value; delete it, or give the value"
+                fact = "is missing" if stated else "is the source of no value in [device]; delete it, or give the value"
                 yield ("sources", key), f"{fact}; allowed: source and grade of every value of [device]"
             elif source is not None and key in self.gaps and source.grade != "assumed":
                 yield (

@@ -144,7 +144,16 @@ class SensedLaw(ControlLaw):
 
 
 class ForceFeedbackProblem(HandledProblem):
-    """A device with a force sensor that is commanded a force, with its law, its hands and what its handle may touch."""
+    """A device with a force sensor that is commanded a force, with its law, its hands and what its handle may touch.
+
+    Example:
+        >>> device = {"mass_kg": 4.0, "damping_ns_per_m": 8.0, "sample_time_s": 5e-4}
+        >>> sensor = {"stiffness_n_per_m": 2e4, "damping_ratio": 0.2, "handle_mass_kg": 0.3}
+        >>> law = {"damping_ns_per_m": 20.0, "force_feedback": {"gain": 1.0, "cutoff_hz": 200.0}}
+        >>> rail = avc.ForceFeedbackProblem(device=device | {"force_sensor": sensor}, law=law, name="rail")
+        >>> rail.apparent_mass_kg
+        2.0
+    """
 
     device: SensedDevice
     law: SensedLaw | None = None

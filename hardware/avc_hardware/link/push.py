@@ -150,7 +150,7 @@ def _notes(coupling: Coupling, device: Device) -> tuple[str, ...]:
     if faults:
         notes.append(f"the device gives no force until its faults are cleared (avc device --clear): {faults.word}")
     if force is None and tapped > most:
-        made = f"made without a limit, and simulated taps needed {tapped:.3g}; give device.max_force_n"
+        made = f"designed without a force limit, and a simulated tap needed {tapped:.3g}; set device.max_force_n"
         notes.append(f"the device limits the force at {most:g}, the coupling was {made} and recommend again")
     if force is not None and force > most * _ROUNDED:
         made = f"made for {force:g}; its certificate does not know the lower limit"
