@@ -14,6 +14,7 @@ from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.printed import Printed
 from avc_casadi.claims.stable_interval import Interval, inside_ends, stable_interval
+from avc_casadi.files.border import in_keys_of
 from avc_casadi.files.problem_file import AnyProblem, load_any
 from avc_casadi.loops.joint import JointFamily, JointGains
 from avc_casadi.loops.margins import SOUND_DISK
@@ -70,6 +71,11 @@ class JointCertificate(Printed):
     def passed(self) -> bool:
         """Whether every loop is stable."""
         return self.stable
+
+    @property
+    def marginal(self) -> bool:
+        """Whether an oscillation neither grows nor decays, up to rounding."""
+        return abs(self.spectral_radius - 1) <= RADIUS_TOLERANCE
 
     @property
     def sound(self) -> bool:
@@ -146,7 +152,8 @@ def certify_joint(
         True
     """
     stated = joint_of(problem)
-    gains = joint_gains(stated, kp, kd, difference=difference)
+    with in_keys_of(stated.units):
+        gains = joint_gains(stated, kp, kd, difference=difference)
     family = JointFamily(stated.end_as(Joint).engine)
     family.search(gains, 0.0)
     family.search(gains, family.disk_margin(gains))
@@ -154,6 +161,9 @@ def certify_joint(
     ratio, ratio_hz = family.damping_ratio(gains)
     limits = _Limits(family, gains)
     largest = limits.interval(LawNumber(("gain",), 1.0, _LEAST_GAIN))
+    # A gain of 0 has no size: its scan is about m/h^2 and m/h, at which a gain acts within a step.
+    lightest = min(family.engine.tool_mass_kg or (1.0,))
+    step_s = max(family.engine.step_s)
     return JointCertificate(
         problem=stated,
         gains=gains,
@@ -164,13 +174,13 @@ def certify_joint(
         damping_ratio_hz=ratio_hz,
         disk_margin=family.disk_margin(gains),
         largest_gain=(largest or (0.0, 0.0))[1],
-        stiffness_n_per_m=limits.interval(LawNumber(("kp",), float(gains.kp))),
-        damping_ns_per_m=limits.interval(LawNumber(("kd",), float(gains.kd))),
+        stiffness_n_per_m=limits.interval(LawNumber(("kp",), float(gains.kp) or lightest / step_s**2)),
+        damping_ns_per_m=limits.interval(LawNumber(("kd",), float(gains.kd) or lightest / step_s)),
         step_s=limits.interval(
-            LawNumber(("step_s",), max(family.engine.step_s), _SHORTEST_STEP_S, LONGEST_STEP_S),
+            LawNumber(("step_s",), step_s, _SHORTEST_STEP_S, LONGEST_STEP_S),
         ),
         mass_kg=limits.interval(
-            LawNumber(("mass_kg",), min(family.engine.tool_mass_kg or (1.0,)), LIGHTEST_TOOL_KG),
+            LawNumber(("mass_kg",), lightest, LIGHTEST_TOOL_KG),
         ),
     )
 
@@ -203,7 +213,8 @@ class _Limits:
             ends = stable_interval(number, partial(self._growth, name))
             if ends is None or all(self._confirmed(name, value) for value in inside_ends(number, ends)):
                 break
-        return ends
+        # Without any gain the joint is as it is: that alone is no interval.
+        return None if ends == (0.0, 0.0) else ends
 
     def _growth(self, name: str, values: FloatArray) -> FloatArray:
         """Return the largest spectral radius less 1 at each of some values."""

@@ -179,13 +179,13 @@ def run_firmware(args: argparse.Namespace, console: Console) -> Answer:
     The firmware contains no gains: send them with `avc push`.
     The build needs the compiler of the board: arm-none-eabi-gcc, or as your board folder states.
     """
-    from avc_casadi.files.problem_file import is_device
+    from avc_casadi.files.problem_file import is_device, require_device
 
     subject: Coupling | avc.Problem | DeviceModel
     if cli.is_coupling(args.subject):
         subject = cli.read_wall(args.subject)
     else:
-        subject = avc.load_device(args.subject).device if is_device(args.subject) else avc.load_problem(args.subject)
+        subject = avc.load_device(args.subject).device if is_device(args.subject) else require_device(args.subject)
     with output_folder(args.out, "--out") as folder, console.step(f"firmware for {args.board}"):
         built = avc_hardware.build_firmware(subject, args.board, folder, baud=args.baud)
     problem = getattr(subject, "problem", subject)

@@ -8,6 +8,7 @@ from typing import Any
 
 import avc_casadi as avc
 from avc_casadi._util.units import Units
+from avc_casadi.files.border import in_keys_of
 from avc_casadi.files.problem_file import is_device
 from avc_casadi.model.control_law import VELOCITIES
 from avc_casadi.model.joint import Joint
@@ -63,7 +64,8 @@ def states_law(source: str, gains: str | None) -> bool:
 def with_pieces(problem: avc.Problem, pieces: dict[str, Any], law: dict[str, float]) -> avc.Problem:
     """Return a problem with pieces in its law; a law that it has not is one of what is typed alone."""
     typed = {key: law[name] for name, key in _TYPED.items() if name in law} if problem.law is None else {}
-    return problem.changed(law={**typed, **pieces})
+    with in_keys_of(problem.units):
+        return problem.changed(law={**typed, **pieces})
 
 
 def _compensation(typed: str, units: Units, metres_per_unit: float) -> dict[str, float]:

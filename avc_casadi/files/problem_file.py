@@ -108,7 +108,8 @@ def require_device(problem: AnyProblem) -> Problem:
     loaded = load_any(problem)
     if isinstance(loaded.device, NoDevice):
         fact = f"{loaded.name or 'it'} is a joint that an engine moves, without a device and a hand"
-        raise UnsupportedError(f"{fact}; use avc certify P --kp KP --kd KD, or avc recommend P", key="device")
+        known_to = "avc check P, avc certify P --kp KP --kd KD and avc recommend P know it"
+        raise UnsupportedError(f"{fact}; {known_to}", key="device")
     return loaded
 
 

@@ -219,7 +219,8 @@ class JointFamily:
         poles = loops.closed.poles[place]
         turn = abs(float(np.angle(poles[damping_ratios(poles).argmin()])))
         step_s = float(loops.places["step_s"][place])
-        return float(ratios[place]), turn / (2 * math.pi * step_s) if ratios[place] < 1 else 0.0
+        ratio = 0.0 if abs(ratios[place]) <= RADIUS_TOLERANCE else float(ratios[place])
+        return ratio, turn / (2 * math.pi * step_s) if ratio < 1 else 0.0
 
     def search(self, gains: JointGains, disk: float) -> None:
         """Search the ranges for the least stable joint, the least damped and that of the least disk margin."""

@@ -51,6 +51,9 @@ def test_gains_are_recommended_and_of_a_required_frequency(joint, capsys):
         "explore P",
         "recommend P --stiffest",
         "certify P --kp 1 --ki 1",
+        "trial P",
+        "export P --c out",
+        "firmware P --board netduinoplus2 --out out",
     ],
 )
 def test_verbs_of_devices_refuse_it(command, joint, capsys):
@@ -62,3 +65,28 @@ def test_verbs_of_devices_refuse_it(command, joint, capsys):
 def test_it_is_checked(joint, capsys):
     assert main(["check", joint]) == 0
     assert capsys.readouterr().out.endswith(f"next: avc recommend {joint}\n")
+
+
+def test_a_joint_without_a_damper_is_marginal_and_has_a_range_of_kd(joint, capsys):
+    assert main(["certify", joint, "--kp", "50", "--json"]) == 1
+    limits = json.loads(capsys.readouterr().out)["stable_at"]
+    assert limits["stiffness_nm_per_rad"] is None
+    low, high = limits["damping_nms_per_rad"]
+    assert main(["certify", joint, "--kp", "50"]) == 1
+    text = capsys.readouterr().out
+    assert "marginal" in text
+    assert "--kd KD" in text
+    # The integrator solves for the velocity: there is no largest kd, which JSON has as null.
+    assert high is None
+    for kd in (2 * low + 1e-3, 1e3):
+        assert main(["certify", joint, "--kp", "50", "--kd", f"{kd}"]) == 0
+
+
+def test_errors_of_a_rotary_joint_name_its_own_keys(joint, capsys):
+    assert main(["certify", joint, "--kp", "-3"]) == 2
+    message = capsys.readouterr().err
+    assert "law.stiffness_nm_per_rad: is -3.0" in message
+    assert main(["certify", joint, "--kp", "0"]) == 2
+    message = capsys.readouterr().err
+    assert "stiffness_nm_per_rad" in message
+    assert "n_per_m," not in message

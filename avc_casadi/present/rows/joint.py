@@ -60,6 +60,9 @@ def certificate(result: JointCertificate, shown: str = "") -> Answer:
 
 def _why(result: JointCertificate) -> tuple[Part, ...]:
     """Return what decides."""
+    if not result.stable and result.marginal:
+        undamped = "" if result.gains.kd else "; kd is 0: give a damper, --kd KD"
+        return parts(f": marginal, a motion neither grows nor decays{undamped}")
     if not result.stable:
         return parts(": grows by a factor of", Value(result.spectral_radius, "number", 6), "in a step")
     if result.sound:

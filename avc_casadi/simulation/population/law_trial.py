@@ -14,6 +14,7 @@ import numpy as np
 from avc_casadi._errors import InputError, UnsupportedError
 from avc_casadi._util.arrays import BoolArray, FloatArray, IndexArray
 from avc_casadi._util.progress import SILENT, Progress
+from avc_casadi.files.problem_file import require_device
 from avc_casadi.model.declared import declared_effects
 from avc_casadi.model.device import Device
 from avc_casadi.model.effects import LawEffect, WallEffect
@@ -161,8 +162,9 @@ def try_law(
 
     Raises:
         InputError: no hand, or a problem without [law].
-        UnsupportedError: neither the device nor the lightest hand has a mass.
+        UnsupportedError: neither the device nor the lightest hand has a mass, or there is no device.
     """
+    require_device(problem)
     if hands < 1:
         raise InputError.of(f"is {hands}; allowed: 1 or more", key="hands")
     if problem.law is None:

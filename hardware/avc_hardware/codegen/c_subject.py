@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from avc_casadi import InputError, NotDeployableError, UnsupportedError, certify_law
 from avc_casadi.coupling import hash_of
+from avc_casadi.files.problem_file import require_device
 from avc_hardware.codegen import c_frame
 
 if TYPE_CHECKING:
@@ -105,8 +106,9 @@ def law_subject(problem: Problem, *, unsafe: bool) -> CSubject:
     Raises:
         InputError: there is no law.
         NotDeployableError: it is not deployable, or not judged, and `unsafe` does not override that.
+        UnsupportedError: there is no device.
     """
-    law = problem.law
+    law = require_device(problem).law
     if law is None:
         raise InputError.of("is missing; allowed: a table [law], or a coupling file", file=problem.name, key="law")
     passed, sentence = _verdict(problem)
