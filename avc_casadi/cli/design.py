@@ -317,6 +317,7 @@ def run_run(args: argparse.Namespace, console: Console) -> Answer:
 
     The recommended coupling, or that of --method, is tried on an emulated device (coupling.json).
     The gains of the paper's problem are for comparison only (gains.json).
+    If no coupling is recommended, coupling.json is missing, also with --unsafe: then add --method.
     This verb is for walls; for a [simulation] or [follower] use `avc recommend`.
     """
     from avc_casadi.cli.ends import coupling_text
@@ -424,7 +425,8 @@ def _pushed(recommendation: avc.Recommendation, *, unsafe: bool) -> PushOutcome:
 
     coupling = recommendation.coupling
     if coupling is None:
-        return rows.deploy.Refused("no coupling is deployable")
+        advice = "; --method NAME writes and pushes the gains of a method" if unsafe else ""
+        return rows.deploy.Refused(f"no coupling is deployable{advice}")
     # Trials refuse what the push, which judges linear stability alone, would take.
     if not recommendation.deployable and not unsafe:
         return rows.deploy.Refused(recommendation.reason, deployable=False)

@@ -49,3 +49,15 @@ def test_what_is_refused_beforehand_is_neither_pushed_nor_written(tmp_path):
     file.write_text(f"[device]\n{device}\n[environment]\nstiffness_n_per_m = 600.0\ndamping_ns_per_m = 0.0\n{few}")
     main(["run", str(file), "--out", str(folder)])
     assert not (folder / "coupling.json").exists()
+
+
+@pytest.mark.slow
+def test_where_nothing_is_recommended_a_method_writes_a_coupling_on_request(tmp_path):
+    late = load_problem("figure5").changed(frequency={"points": 4}, device={"delay_samples": 40})
+    (tmp_path / "late.toml").write_text(dump_problem(late))
+    done = command("run", "late.toml", "--unsafe", "--out", "none", cwd=tmp_path)
+    assert done.returncode == 1
+    assert b"--method NAME" in done.stderr
+    assert not (tmp_path / "none" / "coupling.json").exists()
+    done = command("run", "late.toml", "--unsafe", "--method", "direct", "--out", "direct", cwd=tmp_path)
+    assert (tmp_path / "direct" / "coupling.json").exists()
