@@ -59,6 +59,8 @@ _CHANGES: dict[str, tuple[str, Quantity]] = {
 
 Interval = tuple[float, float]
 
+_KNOWN_DELAY_SAMPLES = 0.5
+"""A data sheet tells a delay no better than to this part of a sample."""
 _SHOWN_DAMPINGS = 6
 """Dampings of a region that an answer lists."""
 
@@ -154,7 +156,7 @@ def certificate(result: AdmittanceCertificate, shown: str = "") -> Answer:
     mark = Mark.FAIL if not result.passed else grade(sound, Mark.CAUTION)
     rows = [
         row("Deployable", f"{'yes' if result.passed else 'no'}: {result.reason}", mark=mark),
-        margins(result),
+        margins(result, result.problem),
         damping(result.cases),
         row("Worst case", worst_case(result.worst)),
         *_limits(result),
@@ -186,7 +188,7 @@ def recommendation(result: AdmittanceRecommendation, shown: str = "", written: s
         rows += [
             row("Law", law_line(judged.law)),
             row("Effort", Value(result.effort_ns_per_m, "damping"), "at 1 Hz; with the handle the hand moves", felt),
-            margins(judged),
+            margins(judged, judged.problem),
             row("Worst case", worst_case(judged.worst)),
             stiffest(judged, problem.contact),
             _noise(judged),
@@ -269,6 +271,9 @@ def region(result: MassWidth, shown: str = "") -> Answer:
     shown = shown or name_of(problem)
     known = np.flatnonzero(np.isfinite(result.sound_least_kg))
     chosen = known[np.linspace(0, len(known) - 1, min(len(known), _SHOWN_DAMPINGS)).astype(int)] if len(known) else []
+    filtered = (
+        ("force below", Value(result.cutoff_hz, "frequency")) if result.cutoff_hz else ("force without a filter",)
+    )
     rows = [
         row("Least damping", _known(result.least_damping_ns_per_m), "with a stable mass"),
         row("Sound from", _known(result.least_sound_damping_ns_per_m), "with a disk margin of 0.2"),
@@ -280,7 +285,7 @@ def region(result: MassWidth, shown: str = "") -> Answer:
     return Answer(
         kind="zwidth-admittance",
         data=result.document(),
-        title=parts(shown, ": virtual masses with a disk margin of 0.2", device_line(problem.device)),
+        title=parts(shown, ": virtual masses with a disk margin of 0.2,", filtered, device_line(problem.device)),
         rows=tuple(rows),
         commands=(f"avc recommend {quote(shown)}",),
         units=problem.units,
@@ -303,18 +308,22 @@ def worst_case(case: HandleCase) -> tuple[Part, ...]:
     return parts(hand, ", pressed against a", contact) if touches else hand
 
 
-def margins(result: HandleVerdict) -> Row:
+def margins(result: HandleVerdict, problem: SensorProblem) -> Row:
     """Return the smallest margin of each kind, where the loop is broken at the commanded velocity."""
     least = [case.margins for case in result.cases]
     disk = result.disk_margin
-    mark = Mark.FAIL if disk < LEAST_DISK else grade(disk >= SOUND_DISK, Mark.CAUTION)
+    delay_samples = min(margins.delay_samples for margins in least)
+    # Where a range of the delay is declared, the margin is beyond its worst end.
+    late = problem.device.range.delay_samples is None and delay_samples < _KNOWN_DELAY_SAMPLES
+    mark = Mark.FAIL if disk < LEAST_DISK else grade(disk >= SOUND_DISK and not late, Mark.CAUTION)
     named = (
         ("gain", Value(min(margins.gain for margins in least), "gain")),
         ("phase", Value(_finite(min(margins.phase_deg for margins in least)), "phase")),
-        ("delay", Value(_finite(min(margins.delay_samples for margins in least)), "samples")),
+        ("delay", Value(_finite(delay_samples), "samples")),
         ("disk", Value(disk, "number", 2)),
     )
-    return row("Margins", commas(named), mark=mark)
+    remedy = "; if the delay may be longer, state device.range.delay_samples" if late else ""
+    return row("Margins", commas(named), remedy, mark=mark)
 
 
 def _finite(value: float) -> float | None:
@@ -378,7 +387,11 @@ def _noise(result: AdmittanceCertificate) -> Row:
     drifts: tuple[Part, ...] = ()
     if result.drift_m_per_s:
         drifts = ("; with an error of one sensor step it drifts at", Value(_finite(result.drift_m_per_s), "speed"))
-    return row("Sensor noise", Value(result.noise_m_per_s, "speed"), "rms at rest", drifts, mark=caution(moves))
+    sensor = result.problem.device.force_sensor
+    if not sensor.noise_rms_n and not sensor.resolution_n:
+        return row("Sensor noise", "not stated: noise_rms_n and resolution_n of the force sensor")
+    noise = Value(result.noise_m_per_s, "speed")
+    return row("Sensor noise", noise, "rms at rest, of sensor and law alone", drifts, mark=caution(moves))
 
 
 def _remedies(remedies: tuple[AdmittanceRemedy, ...]) -> tuple[Part, ...]:

@@ -51,7 +51,7 @@ def certificate(result: ForceFeedbackCertificate, shown: str = "") -> Answer:
     mark = Mark.FAIL if not result.passed else grade(result.disk_margin >= SOUND_DISK, Mark.CAUTION)
     rows = [
         row("Deployable", f"{'yes' if result.passed else 'no'}: {result.reason}", mark=mark),
-        admittance.margins(result),
+        admittance.margins(result, problem),
         admittance.damping(result.cases),
         row("Worst case", admittance.worst_case(result.worst)),
         _felt(result),
