@@ -38,6 +38,8 @@ from avc_casadi.simulation.population.setup import judge
 SEED = 8800
 EXPORTED, TRIED, COMPENSATED = 40, 20, 30
 SAMPLES, ARM_SAMPLES = 20_000, 300
+_LASTING = 0.9
+"""A motion that keeps at least this share of its size from one second to the next swings."""
 HANDS = 24
 SPEEDS_M_PER_S = (0.07, 0.3)
 SECONDS, REST_M_PER_S = 4.25, 5e-3
@@ -148,7 +150,10 @@ def of_compensation(index: int) -> dict[str, Any]:
         runs += [moved(problem, target, tuple(hand.values()), friction_n=friction) for hand in corners]
         sizes.append(max(float(np.ptp(run[-1000:])) for run in runs))
     least = max(1e-5, 2 * device.encoder_resolution_m)
-    swings_free = float(np.ptp(moved(problem, target, friction_n=0.0, speed=0.1)[-1000:])) > least
+    free = moved(problem, target, friction_n=0.0, speed=0.1)
+    last = float(np.ptp(free[-1000:]))
+    # A law of little damping may still move, more slowly from second to second: that is no swing.
+    swings_free = last > least and last > _LASTING * float(np.ptp(free[-2000:-1000]))
     return {
         "kind": "compensation",
         "index": index,
