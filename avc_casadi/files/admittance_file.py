@@ -28,6 +28,7 @@ AnyForceFeedback = ForceFeedbackProblem | str | Path | Mapping[str, Any]
 VERBS = "check, certify, recommend, explore, trial, zwidth and export"
 """Commands that know admittance devices."""
 _SENSORS = ("force_sensor", "torque_sensor")
+_OF_A_DRIVE = ("drive_bandwidth_hz", "drive_order", "drive_damping_ratio")
 _OF_FORCE = "is commanded a force and has a force sensor: check and certify know it, nothing else does"
 
 
@@ -43,6 +44,9 @@ def _model_of(tables: Mapping[str, Any]) -> type[AdmittanceProblem | ForceFeedba
         return None
     if device.get("drive", "force") != "force":
         return AdmittanceProblem
+    if "drive" not in device and any(key in device for key in _OF_A_DRIVE):
+        # It is read as what its keys are of, so that the error is the one key that is missing.
+        return AdmittanceProblem
     return ForceFeedbackProblem if any(key in device for key in _SENSORS) else None
 
 
@@ -50,7 +54,7 @@ def refuse_admittance(tables: Mapping[str, Any], file: str) -> None:
     """Refuse a device with a force sensor where any other is commanded a force."""
     model = _model_of(tables)
     if model is AdmittanceProblem:
-        fact = f"{file}: device.drive is {shown(tables['device']['drive'])}"
+        fact = f"{file}: device.drive is {shown(tables['device'].get('drive', 'missing'))}"
         raise UnsupportedError(f"{fact}: {VERBS} know such an admittance device, nothing else does", key="")
     if model is ForceFeedbackProblem:
         raise UnsupportedError(f"{file}: the device {_OF_FORCE}", key="")

@@ -214,7 +214,9 @@ def _values(field: FieldInfo) -> str:
         if isinstance(mark, BeforeValidator) and (allowed := getattr(mark.func, "allowed", "")):
             return str(allowed)
     inner = tables_of(field.annotation)
-    return _keys(inner[0]) if inner else "text in quotation marks"
+    if inner:
+        return _keys(inner[0])
+    return ", ".join(map(shown, choices_of(field.annotation))) or "text in quotation marks"
 
 
 def dotted(path: Path) -> str:

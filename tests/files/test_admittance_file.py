@@ -251,3 +251,13 @@ def test_simulated_hands_refuse_a_drive_of_positions(tmp_path, monkeypatch, caps
     assert main(["check", "joint.toml"]) == 0
     assert main(["trial", "joint.toml"]) == 2
     assert 'device.drive is "position": hands are simulated at drives of velocities' in capsys.readouterr().err
+
+
+def test_a_file_with_the_keys_of_a_drive_but_without_drive_is_told_the_one_key_that_is_missing(tmp_path, capsys):
+    file = tmp_path / "arm.toml"
+    text = dump_admittance(avc.load_admittance("admittance/cobot"))
+    file.write_text(text.replace('drive = "velocity"\n', ""), encoding="utf-8")
+    assert main(["check", str(file)]) == 2
+    errors = capsys.readouterr().err
+    assert 'device.drive: is missing; allowed: "velocity", "position"' in errors
+    assert errors.count("avc:") == 1
