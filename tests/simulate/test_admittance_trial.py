@@ -14,7 +14,7 @@ from avc_casadi.files.admittance_file import dump_admittance
 from avc_casadi.model.hands import Hand
 from avc_casadi.simulation.population.admittance_run import MOTIONS
 from avc_casadi.simulation.population.admittance_trial import try_admittance
-from avc_casadi.simulation.population.handle_lanes import HandleLanes, Target
+from avc_casadi.simulation.population.handle_lanes import HandleLanes, HandTarget
 
 HANDS = np.array([(0.5, 30.0, 800.0), (2.0, 40.0, 1000.0), (1.0, 15.0, 600.0), (0.0, 5.0, 300.0)])
 CONTACTS = np.array([(5.0, 5e3), (5.0, 5e3), (0.0, 800.0), (20.0, 2e4)])
@@ -45,7 +45,7 @@ def test_handles_that_touch_and_leave_move_as_those_of_a_second_program(device):
             second.held &= ~released
         target = np.full(4, 0.06 * math.sin(2 * math.pi * 3 * sample * period) * (sample < 120))
         speed = np.full(4, 0.01)
-        lanes.move(velocity, Target(target, speed))
+        lanes.move(velocity, HandTarget(target, speed))
         second.move(velocity, target, speed)
         places = DRIVE, DRIVE_SPEED, HANDLE, HANDLE_SPEED
         mine, other = lanes.state[[0, 1, -2, -1]].T, second.state[:, places]

@@ -24,7 +24,7 @@ from avc_casadi.loops.wall import closed
 from avc_casadi.model.admittance import AdmittanceDevice, VirtualImpedance
 from avc_casadi.model.hands import Hand
 from avc_casadi.simulation.judge import AT_REST_M_PER_S, SETTLING_WINDOW_S
-from avc_casadi.simulation.population.handle_lanes import HandleLanes, Target
+from avc_casadi.simulation.population.handle_lanes import HandleLanes, HandTarget
 from avc_casadi.simulation.population.motions import LONGEST_S
 
 GUIDE_HZ = 1.0
@@ -83,8 +83,10 @@ class HandMotion:
         return way
 
 
-_BEFORE, _INTO = -0.5, 0.5
-"""Ways in front of a contact, and as deep into it as a hand in free space would go."""
+_BEFORE = -0.5
+"""In front of a contact, in ways of a guiding hand."""
+_INTO = 0.5
+"""As deep into a contact as a hand in free space would go, in ways of a guiding hand."""
 
 MOTIONS = {
     "guide": HandMotion(swings=True),
@@ -178,7 +180,7 @@ class _Aim:
         firm = np.where(stiffness > 0, stiffness, 1.0)
         return np.where(stiffness > 0, self._stiffness * start_m / firm, start_m)
 
-    def advance(self) -> Target:
+    def advance(self) -> HandTarget:
         """Return the target over the next sample: (b x_t + T g)/(b + k T), g what moves the law, handle and hand."""
         self._sample += 1
         before, here, after = (
@@ -191,7 +193,7 @@ class _Aim:
         total = np.asarray(damping + period_s * stiffness)
         moved = (damping * self._place_m + period_s * push) / np.where(total > 0, total, 1.0)
         place_m = np.where(total > 0, moved, here)
-        target = Target(self._place_m, (place_m - self._place_m) / period_s)
+        target = HandTarget(self._place_m, (place_m - self._place_m) / period_s)
         self._place_m = place_m
         return target
 
@@ -200,8 +202,11 @@ class _Computer:
     """The law with its sensor, sample by sample: noise, steps and range of the reading, limit of the velocity."""
 
     def __init__(self, task: HandTask, rest_n: FloatArray) -> None:
-        device, law, cutoff_hz = task.device, task.law, task.law.cutoff_hz
-        self._law, self._sensor, self._period_s = law, device.force_sensor, device.sample_time_s
+        device = task.device
+        cutoff_hz = task.law.cutoff_hz
+        self._law = task.law
+        self._sensor = device.force_sensor
+        self._period_s = device.sample_time_s
         self._share = 1.0 if cutoff_hz is None else -math.expm1(-2 * math.pi * cutoff_hz * device.sample_time_s)
         self._largest_m_per_s = math.inf if device.max_speed_m_per_s is None else device.max_speed_m_per_s
         self._largest_n = math.inf if device.force_sensor.max_force_n is None else device.force_sensor.max_force_n
@@ -213,7 +218,9 @@ class _Computer:
 
     def step(self, position_m: FloatArray, force_n: FloatArray) -> FloatArray:
         """Return the velocity that is commanded: v+ = (M v + T (g - K x))/(M + B T), g the force behind its filter."""
-        sensor, law, period_s = self._sensor, self._law, self._period_s
+        sensor = self._sensor
+        law = self._law
+        period_s = self._period_s
         if sensor.noise_rms_n:
             force_n = force_n + sensor.noise_rms_n * self._random.standard_normal(len(force_n))
         if sensor.resolution_n:
@@ -228,7 +235,7 @@ class _Computer:
         return self._velocity
 
 
-class Record:
+class HandleRecord:
     """What is seen of all lanes; arrays have shape (lanes,).
 
     Attributes:
@@ -247,7 +254,7 @@ class Record:
         self.squares = np.zeros((2, lanes))
         self._touched = np.zeros(lanes, dtype=bool)
 
-    def guides(self, handles: HandleLanes, hands: Hand, target: Target) -> None:
+    def guides(self, handles: HandleLanes, hands: Hand, target: HandTarget) -> None:
         """Note the force of hands that guide: of spring and damper, less what moves the hand itself."""
         handle_m, handle_m_per_s = handles.state[-2:]
         spring = hands.stiffness_n_per_m * (target.position_m - handle_m)
@@ -281,7 +288,7 @@ class TriedHands:
     lanes: _Lanes
     duration_s: float
     way_m: float
-    record: Record
+    record: HandleRecord
     computer: _Computer
     settles: BoolArray
     guided_samples: int
@@ -313,7 +320,7 @@ def simulated(task: HandTask) -> TriedHands:
     rest_n = task.law.stiffness_n_per_m * aim.start_m
     struck = np.where(lanes.have("hold"), _STRUCK_M_PER_S / device.metres_per_unit, 0.0)
     handles.place(aim.start_m, aim.start_m + rest_n / device.force_sensor.stiffness_n_per_m, struck)
-    computer, record = _Computer(task, rest_n), Record(len(struck))
+    computer, record = _Computer(task, rest_n), HandleRecord(len(struck))
     released = lanes.have(*(name for name, motion in MOTIONS.items() if motion.released))
     release = round(_RELEASED_S / period_s)
     # The first swing begins softly, and the last one ends softly.
@@ -338,7 +345,9 @@ def _way_m(task: HandTask) -> float:
 
     At w = 2 pi f the force is |K - w^2 M + j w B| times the way, the speed w times the way.
     """
-    device, law, omega = task.device, task.law, 2 * math.pi * GUIDE_HZ
+    device = task.device
+    law = task.law
+    omega = 2 * math.pi * GUIDE_HZ
     ways_m = [_WAY_M / device.metres_per_unit]
     if device.max_speed_m_per_s is not None:
         ways_m.append(_SHARE_OF_LIMITS * device.max_speed_m_per_s / omega)

@@ -18,7 +18,7 @@ from avc_casadi.files.admittance_file import AnyAdmittance, as_admittance
 from avc_casadi.loops.handle import HandleFamily
 from avc_casadi.model.admittance import AdmittanceDevice, AdmittanceProblem
 from avc_casadi.model.hands import Hand
-from avc_casadi.simulation.population.admittance_run import HandTask, Record, TriedHands, simulated
+from avc_casadi.simulation.population.admittance_run import HandleRecord, HandTask, TriedHands, simulated
 from avc_casadi.simulation.population.operators import people_of
 from avc_casadi.simulation.population.trial import CONFIDENCE, exact_interval
 
@@ -211,7 +211,7 @@ def _contacts(problem: AdmittanceProblem, count: int, seed: int) -> list[Hand]:
     return [Hand(np.zeros(count), *values.T) for values in whole]
 
 
-def _largest(tried: Sequence[TriedHands], motion: str, seen: Callable[[Record], FloatArray]) -> float:
+def _largest(tried: Sequence[TriedHands], motion: str, seen: Callable[[HandleRecord], FloatArray]) -> float:
     """Return the largest of what was seen in a motion."""
     return max(float(part.of(motion, seen(part.record)).max()) for part in tried)
 

@@ -19,8 +19,10 @@ from avc_casadi.model.driven import driven_plant, sensor_row
 from avc_casadi.model.hands import Hand
 from avc_casadi.model.plant import LinearPlant, discretised, transition
 
-_TOUCHES, _HELD = 1, 2
-"""Added to the number of a plant, 0 of a released handle in free space: where it touches, and where a hand holds it."""
+_TOUCHES = 1
+"""Added to the number of a plant, 0 of a released handle in free space, where the handle touches."""
+_HELD = 2
+"""Added to the number of a plant where a hand holds the handle."""
 _TERMS = 16
 """Terms of a power series: over a step, in which no pole turns by more than a radian, the next one is 1/16! = 5e-14."""
 _LOOKS = 4
@@ -36,7 +38,7 @@ _ROUNDING = 1e-12
 
 
 @dataclass(frozen=True)
-class Target:
+class HandTarget:
     """Where the hands of all lanes aim, at constant speed over a sample; both of shape (lanes,)."""
 
     position_m: FloatArray
@@ -141,9 +143,11 @@ class HandleLanes:
 
     def place(self, drive_m: FloatArray, handle_m: FloatArray, handle_m_per_s: FloatArray) -> None:
         """Set drives and handles at the beginning, the drives at rest; no handle touches."""
-        self.state[0], self.state[-2], self.state[-1] = drive_m, handle_m, handle_m_per_s
+        self.state[0] = drive_m
+        self.state[-2] = handle_m
+        self.state[-1] = handle_m_per_s
 
-    def acceleration_m_per_s2(self, target: Target) -> FloatArray:
+    def acceleration_m_per_s2(self, target: HandTarget) -> FloatArray:
         """Return the acceleration of each handle."""
         row = self._now.rates[:, -1]
         aim = row[:, -2] * target.position_m + row[:, -1] * target.velocity_m_per_s
@@ -158,7 +162,7 @@ class HandleLanes:
         self._plant = plant
         self._now.set(lanes, plant[lanes], self._plants)
 
-    def move(self, command: FloatArray, target: Target) -> None:
+    def move(self, command: FloatArray, target: HandTarget) -> None:
         """Advance by a sample, with the velocity that is commanded at its beginning.
 
         x+ = A x + B_new u(k-n) + B_old u(k-n-1), of what a hand aims at in addition; by events where there may be one.
@@ -174,7 +178,7 @@ class HandleLanes:
         if near.any():
             self._pass_events(np.flatnonzero(near), before, target)
 
-    def _may_change(self, commanded_m_per_s: FloatArray, target: Target) -> BoolArray:
+    def _may_change(self, commanded_m_per_s: FloatArray, target: HandTarget) -> BoolArray:
         """Return which handles may touch or leave within a sample: by the sum of all speeds that they may reach."""
         if not self._touchable.any():
             return self._touchable.copy()
@@ -183,7 +187,7 @@ class HandleLanes:
         reach = _REACH * speed * (self._period_s + self._lag_s)
         return np.asarray(self._touchable & (np.abs(self.state[-2]) <= reach))
 
-    def _pass_events(self, lanes: IndexArray, before: FloatArray, target: Target) -> None:
+    def _pass_events(self, lanes: IndexArray, before: FloatArray, target: HandTarget) -> None:
         """Advance some lanes by a sample once more, from event to event: until a new command arrives, then with it."""
         passage = _Passage(
             rates=self._plants.rates[:, lanes],
