@@ -267,6 +267,7 @@ def test_the_impedance_at_the_handle_is_that_of_a_loop_with_the_push_as_a_state(
         assert found == pytest.approx(handle_impedance(plain, frequency), rel=1e-9)
 
 
+@pytest.mark.slow
 def test_below_the_frequency_of_its_row_a_device_feeds_no_hand():
     problem = avc.load_admittance("admittance/cobot")
     found = avc.certify_admittance(problem, remedies=False).passivity
@@ -286,6 +287,7 @@ def test_a_damped_sensor_and_enough_virtual_damping_make_a_device_passive():
         assert avc.certify_admittance(stated, remedies=False).passivity.passive == passive
 
 
+@pytest.mark.slow
 def test_the_least_passive_of_a_range_counts():
     law = {"mass_kg": 20.0, "damping_ns_per_m": 400.0}
 

@@ -134,6 +134,7 @@ def test_behind_a_transmission_an_ideal_loop_is_passive_down_to_the_mass_that_ca
     assert bool((port.impedance(about).real >= 0).all()) == passive
 
 
+@pytest.mark.slow
 def test_half_the_mass_of_a_device_with_a_transmission_swings_on_a_contact():
     """A complaint that comes again: a quarter of the mass grows on a stiff contact, 70 % of it does not."""
     resonance = {"frequency_hz": 30.0, "damping_ratio": 0.02, "mass_ratio": 0.5}
@@ -147,6 +148,7 @@ def test_half_the_mass_of_a_device_with_a_transmission_swings_on_a_contact():
     assert not stable(3.0)
 
 
+@pytest.mark.slow
 def test_a_slow_hand_moves_the_mass_over_one_plus_the_gain():
     law = {"force_feedback": {"gain": 1.5, "cutoff_hz": 200.0}, "damping_ns_per_m": 20.0}
     stated = avc.certify_force_feedback(rail(law))

@@ -111,6 +111,7 @@ def stops(travel, stiffness=400.0, damping=2.0):
     return force
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("frame", "late"), first([(16, 1), (8, 2)]))
 def test_a_force_that_is_held_and_late_is_no_negative_damper(frame, late):
     """k x of a frame before is exactly k x with a damper of -k times the frame."""

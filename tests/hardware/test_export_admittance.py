@@ -81,6 +81,7 @@ def test_the_step_is_the_law(name, precision, digits):
     assert np.abs(given - expected).max() <= digits * np.abs(expected).max()
 
 
+@pytest.mark.slow
 def test_a_drive_of_positions_is_given_the_change_of_its_position():
     problem = avc.load_admittance("admittance/cobot").changed(device={"drive": "position", "drive_order": 2})
     period = problem.device.sample_time_s

@@ -212,6 +212,7 @@ def test_patterns_of_a_range_of_steps_are_whole_ones_and_all_between():
         assert 0.93 * low <= sum(clock.samples) / len(clock.samples) * 1e-3 <= 1.07 * high
 
 
+@pytest.mark.slow
 def test_a_beat_of_two_clocks_that_feeds_a_narrow_range_of_steps_is_found():
     """A released device on a held force: steps of 2.173 to 2.179 samples grow, those of 13/6 and 11/5 do not."""
     stated = avc.parse_problem(
@@ -281,6 +282,7 @@ def test_a_follower_without_mass_is_refused_as_nothing_moves_it_between_contacts
         avc.parse_problem(f"[device]\n{device(0.12, 0.8, 0.001)}[follower]\n{device(0.0, 1.0, 0.001)}delay_s = 0.005\n")
 
 
+@pytest.mark.slow
 def test_a_rotary_twin_at_scales_has_the_same_worst_contact():
     """Twice the length and three times the force, then all of it at a radius: one growth a sample, k by the scale."""
     scaled = "position_scale = 2.0\n{}_scale = 3.0\n"

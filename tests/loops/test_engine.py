@@ -36,7 +36,7 @@ def largest_root(simulator, gains, samples):
     return np.abs(np.linalg.eigvals(over)).max() ** (simulator.step_s / (samples * simulator.T))
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=8, deadline=None)
 @given(
     mass=st.floats(0.02, 2.0),
     ratio=st.sampled_from([1, 2, 3, 5, 16, 2.5, 4 / 3]),

@@ -57,6 +57,7 @@ def test_handles_that_touch_and_leave_move_as_those_of_a_second_program(device):
     assert left.sum() >= 3
 
 
+@pytest.mark.slow
 def test_a_hand_feels_the_law_that_it_guides():
     """Rms of force over speed at 1 Hz is that of mass, damping and spring, with the handle, behind the low pass."""
     for name in ("admittance/cobot", "admittance/pedal"):
