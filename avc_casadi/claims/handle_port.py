@@ -54,7 +54,7 @@ class HandlePassivity:
         return self.released_stable and math.isinf(self.from_hz)
 
 
-class ReleasedHandle:
+class HandleLoop:
     """The released loop of a law on a device without ranges, as a hand at the handle meets it."""
 
     def __init__(self, device: SensorDevice, law: Law) -> None:
@@ -102,5 +102,5 @@ class ReleasedHandle:
 
 def passivity(devices: Iterable[SensorDevice], law: Law) -> HandlePassivity:
     """Return the least passive of devices at the corners of their ranges."""
-    judged = [ReleasedHandle(device, law).passivity() for device in devices]
+    judged = [HandleLoop(device, law).passivity() for device in devices]
     return HandlePassivity(all(port.released_stable for port in judged), min(port.from_hz for port in judged))

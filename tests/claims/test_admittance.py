@@ -10,7 +10,7 @@ from admittance_loop import PlainDevice, PlainPositionDevice, growth, handle_imp
 import avc_casadi as avc
 from avc_casadi._util.progress import Progress
 from avc_casadi.claims.admittance import HandleAnalysis
-from avc_casadi.claims.handle_port import ReleasedHandle
+from avc_casadi.claims.handle_port import HandleLoop
 from avc_casadi.loops.handle import HandleFamily, leading_poles, plants_of
 from avc_casadi.loops.loop import Body
 from avc_casadi.loops.margins import SOUND_DISK, OpenLoop
@@ -261,7 +261,7 @@ def test_each_long_answer_says_which_stage_it_is_at():
 def test_the_impedance_at_the_handle_is_that_of_a_loop_with_the_push_as_a_state(device, more):
     problem = avc.AdmittanceProblem.model_validate(arm({"mass_kg": 8.0, "damping_ns_per_m": 90.0, **more}, **device))
     period, plain = problem.device.sample_time_s, PlainDevice.of(problem)
-    port = ReleasedHandle(problem.device, problem.law.admittance.law(period))
+    port = HandleLoop(problem.device, problem.law.admittance.law(period))
     hz = np.array([0.3, 2.0, 7.0, 31.0, 0.37 / period])
     for found, frequency in zip(port.impedance(2 * math.pi * hz * period), hz.tolist(), strict=True):
         assert found == pytest.approx(handle_impedance(plain, frequency), rel=1e-9)
@@ -313,7 +313,7 @@ def test_a_drive_of_positions_is_that_of_a_second_program(device, more):
         plain = PlainPositionDevice.of(problem, *carried)
         assert radius(problem, *carried) == pytest.approx(largest_pole(plain), abs=1e-9)
     period, plain = problem.device.sample_time_s, PlainPositionDevice.of(problem)
-    port = ReleasedHandle(problem.device, problem.law.admittance.law(period))
+    port = HandleLoop(problem.device, problem.law.admittance.law(period))
     hz = np.array([0.3, 2.0, 7.0, 31.0, 0.37 / period])
     for found, frequency in zip(port.impedance(2 * math.pi * hz * period), hz.tolist(), strict=True):
         assert found == pytest.approx(handle_impedance(plain, frequency), rel=1e-9)

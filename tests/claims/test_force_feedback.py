@@ -8,7 +8,7 @@ from admittance_loop import PlainForceDevice, growth, handle_impedance, largest_
 
 import avc_casadi as avc
 from avc_casadi.claims.force_feedback import IdealLimit
-from avc_casadi.claims.handle_port import ReleasedHandle
+from avc_casadi.claims.handle_port import HandleLoop
 from avc_casadi.loops.handle import HandleFamily, plants_of
 from avc_casadi.loops.loop import Body
 from avc_casadi.loops.wall import closed
@@ -74,7 +74,7 @@ def test_the_loop_is_that_of_a_second_program(index):
 def test_the_impedance_at_the_handle_is_that_of_a_loop_with_the_push_as_a_state(index):
     problem = drawn(index)
     period, plain = problem.device.sample_time_s, PlainForceDevice.of(problem)
-    port = ReleasedHandle(problem.device, problem.law.law(period))
+    port = HandleLoop(problem.device, problem.law.law(period))
     hz = np.array([2.0, 7.0, 31.0, 0.37 / period])
     for found, frequency in zip(port.impedance(2 * math.pi * hz * period), hz.tolist(), strict=True):
         assert found == pytest.approx(handle_impedance(plain, frequency), rel=1e-8)
@@ -129,7 +129,7 @@ def test_behind_a_transmission_an_ideal_loop_is_passive_down_to_the_mass_that_ca
     limit = IdealLimit.of(problem)
     assert limit.apparent_mass_kg == pytest.approx(4.0 * share)
     assert limit.gain == pytest.approx(1 / share - 1)
-    port = ReleasedHandle(problem.device, problem.law.law(1e-6))
+    port = HandleLoop(problem.device, problem.law.law(1e-6))
     about = 2 * math.pi * np.linspace(58.8, 61.2, 400) * 1e-6
     assert bool((port.impedance(about).real >= 0).all()) == passive
 

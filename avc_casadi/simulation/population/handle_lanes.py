@@ -80,7 +80,13 @@ class _Plants:
 
     def plant(self, number: int) -> _Plants:
         """Return a copy of the same plant of every lane, without the first axis."""
-        return _Plants(*(part[number].copy() for part in vars(self).values()))
+        return _Plants(
+            matrix=self.matrix[number].copy(),
+            new=self.new[number].copy(),
+            old=self.old[number].copy(),
+            aim=self.aim[number].copy(),
+            rates=self.rates[number].copy(),
+        )
 
     def set(self, lanes: IndexArray, numbers: IndexArray, plants: _Plants) -> None:
         """Set some lanes of these, which have no first axis, to plants of others, by their numbers."""
