@@ -176,12 +176,8 @@ def certify_joint(
         largest_gain=(largest or (0.0, 0.0))[1],
         stiffness_n_per_m=limits.interval(LawNumber(("kp",), float(gains.kp) or lightest / step_s**2)),
         damping_ns_per_m=limits.interval(LawNumber(("kd",), float(gains.kd) or lightest / step_s)),
-        step_s=limits.interval(
-            LawNumber(("step_s",), step_s, _SHORTEST_STEP_S, LONGEST_STEP_S),
-        ),
-        mass_kg=limits.interval(
-            LawNumber(("mass_kg",), lightest, LIGHTEST_TOOL_KG),
-        ),
+        step_s=limits.interval(LawNumber(("step_s",), step_s, _SHORTEST_STEP_S, LONGEST_STEP_S)),
+        mass_kg=limits.interval(LawNumber(("mass_kg",), lightest, LIGHTEST_TOOL_KG)),
     )
 
 

@@ -352,9 +352,8 @@ def run_monitor(args: argparse.Namespace, console: Console) -> Answer:
             take_interrupt()
             interrupted = True
     faults = avc.fault_document(avc.InputError.of("interrupted")) if interrupted else {}
-    shown = tuple(_monitor_rows(watched, args.heartbeat_s))
-    code = EXIT_CODE if interrupted else 0
-    return Answer("monitor", faults | watched.document(), rows=shown, units=units, code=code)
+    rows = tuple(_monitor_rows(watched, args.heartbeat_s))
+    return Answer("monitor", faults | watched.document(), rows=rows, units=units, code=EXIT_CODE if interrupted else 0)
 
 
 @dataclass

@@ -145,15 +145,7 @@ def try_admittance(
         InputError: no hand, a value that is refused, or no law.
         UnsupportedError: a drive that follows a position.
     """
-    stated = as_admittance(problem)
-    if hands < 1:
-        raise InputError.of(f"is {hands}; allowed: 1 or more", key="hands")
-    if stated.device.drive == "position":
-        fact = f'{stated.name or "the problem"}: device.drive is "position"'
-        raise UnsupportedError(f"{fact}: hands are simulated at drives of velocities; ask avc certify", key="")
-    if stated.law is None:
-        allowed = "allowed: [law] with admittance = { mass_kg, damping_ns_per_m }"
-        raise InputError.of(f"is missing; {allowed}", file=stated.name or "problem", key="law")
+    stated = _ready_for_trial(as_admittance(problem), hands)
     tasks = _tasks(stated, hands, seed)
     sizes = [len(task.numbers) for task in tasks]
     tried = map_tasks(simulated, tasks, executor, workers=workers, sizes=sizes, things="hands", progress=progress)
@@ -182,6 +174,19 @@ def try_admittance(
         at_rest_interval=exact_interval(at_rest, hands),
         confidence=CONFIDENCE,
     )
+
+
+def _ready_for_trial(problem: AdmittanceProblem, hands: int) -> AdmittanceProblem:
+    """Return a problem that has a law and a drive whose motion is simulated; refuse any other."""
+    if hands < 1:
+        raise InputError.of(f"is {hands}; allowed: 1 or more", key="hands")
+    if problem.device.drive == "position":
+        fact = f'{problem.name or "the problem"}: device.drive is "position"'
+        raise UnsupportedError(f"{fact}: hands are simulated at drives of velocities; ask avc certify", key="")
+    if problem.law is None:
+        allowed = "allowed: [law] with admittance = { mass_kg, damping_ns_per_m }"
+        raise InputError.of(f"is missing; {allowed}", file=problem.name or "problem", key="law")
+    return problem
 
 
 def _tasks(problem: AdmittanceProblem, count: int, seed: int) -> list[HandTask]:
