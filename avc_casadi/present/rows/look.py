@@ -38,10 +38,6 @@ if TYPE_CHECKING:  # studies, which load slowly
     from avc_casadi.design.comparison.accuracy import Accuracy, SolverCost
     from avc_casadi.design.comparison.table1 import Table1, Table1Row
 
-if TYPE_CHECKING:  # studies, which load slowly
-    from avc_casadi.design.comparison.accuracy import Accuracy, SolverCost
-    from avc_casadi.design.comparison.table1 import Table1, Table1Row
-
 
 @dataclass(frozen=True)
 class Doubt:
