@@ -202,7 +202,10 @@ def _at_tip(new: NewProblem, model: str | None, tip: str | None) -> NewProblem:
 @cli.verb(
     cli.PROBLEM,
     cli.output(
-        "--out", "write the coupling to this .json file (for an admittance device the problem, .toml)", ".json", ".toml"
+        "--out",
+        "write the coupling to this .json file; for an admittance device, the problem file with its law, .toml",
+        ".json",
+        ".toml",
     ),
     cli.flag("--stiffest", _STIFFEST),
     cli.flag("--lean-on-friction", "accept couplings that need the declared dry friction to settle"),

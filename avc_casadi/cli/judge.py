@@ -151,8 +151,8 @@ def run_trial(args: argparse.Namespace, console: Console) -> Answer:
 def run_zwidth(args: argparse.Namespace, console: Console) -> Answer:
     """Show which walls the device can render without a coupling (the Z-width).
 
-    For a [simulation] it shows which K and B are stable, for an admittance device (drive =
-    "velocity") which virtual masses it can render at each damping.
+    For a [simulation]: at which spring K and damper B of the coupling the loop is stable.
+    For an admittance device (drive = "velocity"): which virtual masses are stable at each damping.
     """
     from avc_casadi.cli import admittance, ends
     from avc_casadi.files.admittance_file import is_admittance

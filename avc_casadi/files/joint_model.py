@@ -92,7 +92,9 @@ def modelled_joint(path: Path, name: str) -> ModelledJoint:
     kind = int(model.jnt_type[joint])
     hinge, slide = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
     if kind not in (hinge, slide):
-        raise UnsupportedError(f"joint {name!r} is neither a hinge nor a slide; name such a joint", key="--joint")
+        raise UnsupportedError(
+            f"joint {name!r} is neither a hinge nor a slide; choose a hinge or slide joint", key="--joint"
+        )
     poses = _Poses(model, joint)
     sampled = poses.sampled()
     least = least_over_poses(poses.yielding_kg, sampled, poses.limits)

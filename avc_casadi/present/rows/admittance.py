@@ -187,7 +187,7 @@ def recommendation(result: AdmittanceRecommendation, shown: str = "", written: s
         felt = Value(judged.law.mass_kg + problem.device.force_sensor.handle_mass_kg, "mass")
         rows += [
             row("Law", law_line(judged.law)),
-            row("Effort", Value(result.effort_ns_per_m, "damping"), "at 1 Hz; with the handle the hand moves", felt),
+            row("Effort", Value(result.effort_ns_per_m, "damping"), "at 1 Hz; mass felt, handle included:", felt),
             margins(judged, judged.problem),
             row("Worst case", worst_case(judged.worst)),
             stiffest(judged, problem.contact),

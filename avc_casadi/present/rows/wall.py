@@ -102,7 +102,7 @@ def _stiffest_wall(recommended: WallRecommendation) -> list[Row]:
     stiffest_n_per_m = recommended.stiffest_wall_n_per_m
     if not stiffest_n_per_m:
         return []
-    within = f", error at most {100 * UNNOTICED:.0f} % for a moving hand; {recommended.no_stiffer}"
+    within = f", impedance error of a moving hand at most {100 * UNNOTICED:.0f} %; {recommended.no_stiffer}"
     return [row("Stiffest wall", Value(stiffest_n_per_m, "stiffness"), within), *_wall_limit(recommended)]
 
 
