@@ -110,18 +110,16 @@ def _nearest_law(family: LawFamily, spring: _Springs) -> FloatArray:
     return np.asarray(solution / scale)
 
 
-def best_starts(
-    family: LawFamily, conditions: tuple[Condition, ...], disk_margin: float, count: int
-) -> list[FloatArray]:
-    """Return the most promising gains L that are stable with every hand and released, at most a count of them."""
-    ranked: list[tuple[float, int, FloatArray]] = []
+def promising_starts(family: LawFamily, conditions: tuple[Condition, ...], disk_margin: float) -> list[FloatArray]:
+    """Return the gains L that are stable with every hand and released, the most promising first, none twice."""
+    cost_of: dict[bytes, tuple[float, int, FloatArray]] = {}
     for order, gain in enumerate(_starts(family, disk_margin)):
-        if family.structure.observer_radius(gain) >= 1:
+        if gain.tobytes() in cost_of or family.structure.observer_radius(gain) >= 1:
             continue
         loops = family.at(gain)
         if loops.radius < 1:
-            ranked.append((_cost(loops, conditions), order, gain))
-    return [gain for _, _, gain in sorted(ranked)[:count]]
+            cost_of[gain.tobytes()] = _cost(loops, conditions), order, gain
+    return [gain for _, _, gain in sorted(cost_of.values(), key=lambda ranked: ranked[:2])]
 
 
 # Factor on what is missing, whose weights are those of the trust region, next to the squared error.

@@ -14,7 +14,7 @@ from avc_casadi.design.conditions import PerturbedDecay
 from avc_casadi.design.law_family import BAND_HZ
 from avc_casadi.design.plants import PlantMatrices
 from avc_casadi.design.program import program_answers
-from avc_casadi.design.starts import best_starts
+from avc_casadi.design.starts import promising_starts
 from avc_casadi.design.trust_region import TrustRegion
 from avc_casadi.model.hands import Hand
 from avc_casadi.model.plant import sampled_plant
@@ -241,5 +241,5 @@ def check_against_starts(mass, delay, stiffness, margin):
     asked = problem(mass, delay=delay, wall=stiffness)
     for found in program_answers(asked, margin):
         family, conditions = found.program.family, found.program.conditions
-        search, starts = TrustRegion(family, conditions), best_starts(family, conditions, margin, 2)
+        search, starts = TrustRegion(family, conditions), promising_starts(family, conditions, margin)[:2]
         assert all(search.merit(found.loops) <= search.merit(family.at(start)) for start in starts)
