@@ -54,6 +54,23 @@ def test_decoder_does_not_care_how_bytes_arrive(sent: list[Frame], step: int, de
     assert decoder.broken == 0
 
 
+def spoilt(data: bytes) -> bytes:
+    """A frame with another last byte, which is no delimiter."""
+    return data[:-2] + bytes([data[-2] ^ (2 if data[-2] == 1 else 1)]) + data[-1:]
+
+
+@given(st.lists(st.tuples(frames, st.sampled_from(["good", "spoilt", "endless"])), max_size=4), st.integers(1, 50))
+@example([(Frame(1, 2, b""), "spoilt")], 1)
+@example([(Frame(1, 2, b""), "endless"), (Frame(1, 3, b""), "good")], 50)
+def test_decoder_counts_each_broken_frame_once(sent: list[tuple[Frame, str]], step: int) -> None:
+    ways = {"good": lambda data: data, "spoilt": spoilt, "endless": lambda data: b"\1" * (2 * MAX_ENCODED) + data}
+    stream = b"".join(ways[way](encode(frame)) for frame, way in sent)
+    decoder = Decoder()
+    got = [frame for at in range(0, len(stream), step) for frame in decoder.feed(stream[at : at + step])]
+    assert got == [frame for frame, way in sent if way == "good"]
+    assert decoder.broken == len(sent) - len(got)
+
+
 @pytest.mark.parametrize("vector", VECTORS, ids=lambda vector: vector["name"])
 def test_golden_frames(vector: dict[str, str]) -> None:
     data = bytes.fromhex(vector["bytes"])
