@@ -22,7 +22,8 @@ from avc_casadi._util.progress import SILENT, Progress, Stages
 from avc_casadi._util.text import quantity
 from avc_casadi.claims.handle_port import HandlePassivity, passivity
 from avc_casadi.claims.law_limits import LawLimits, stacked
-from avc_casadi.claims.stated_law import AnyLaw, noise_gain
+from avc_casadi.claims.sensor_motion import drift, velocity_noise
+from avc_casadi.claims.stated_law import AnyLaw
 from avc_casadi.files.admittance_file import AnyAdmittance, as_admittance
 from avc_casadi.loops.handle import Handle, HandleFamily, HandleSide, Pair, leading_poles, plants_of
 from avc_casadi.loops.loop import Body
@@ -31,7 +32,6 @@ from avc_casadi.loops.plant_family import RADIUS_TOLERANCE
 from avc_casadi.loops.wall import closed
 from avc_casadi.model.admittance import (
     STIFFEST_CONTACT_N_PER_M,
-    AdmittanceDevice,
     AdmittanceProblem,
     Contact,
     VirtualImpedance,
@@ -44,8 +44,6 @@ from avc_casadi.model.sensed import SensorProblem
 
 Interval = tuple[float, float]
 
-# Peaks of noise that come again and again, in rms.
-_NOISE_PEAK = 3.0
 # A limit is confirmed by at most so many searches of the ranges, so far inside the boundary.
 _SEARCHES = 4
 _JUST_INSIDE = 1e-6
@@ -348,9 +346,10 @@ class AdmittanceCertificate(HandleVerdict):
         mass_range_kg: the virtual masses that are stable with this damping; None where none is, or where limits were
             not looked for.
         damping_range_ns_per_m: the dampings that are stable with this mass; likewise.
-        noise_m_per_s: rms of the commanded velocity at rest, of the noise and the steps of the sensor.
-        drift_m_per_s: velocity at rest of a reading that is one step of the sensor off; infinite without damping, 0 on
-            a spring.
+        noise_m_per_s: largest rms speed of command, drive and handle at rest, of the noise and the steps of the sensor,
+            with the judged hands and contacts and released; infinite where a loop is unstable.
+        drift_m_per_s: velocity of a released handle whose reading is one step of the sensor off; infinite without
+            damping, 0 on a spring.
         remedies: single changes that make it sound; None where none was looked for.
 
     Example:
@@ -466,34 +465,11 @@ def _judged(analysis: HandleAnalysis, law: VirtualImpedance, stages: Stages, *, 
         mass_range_kg=masses,
         damping_range_ns_per_m=dampings,
         stiffest_contact_n_per_m=stiffest,
-        noise_m_per_s=velocity_noise(law, problem.device),
+        noise_m_per_s=velocity_noise(law, problem.device, analysis.pairs),
         drift_m_per_s=drift(law, problem.device),
         passivity=passivity(analysis.family.sides[0].devices, law.law(analysis.period_s)),
         remedies=None,
     )
-
-
-def velocity_noise(law: VirtualImpedance, device: AdmittanceDevice) -> float:
-    """Return the rms of the commanded velocity of a handle at rest, of the noise and the steps of the sensor."""
-    sensor = device.force_sensor
-    noise_n = math.hypot(sensor.noise_rms_n, sensor.resolution_n / math.sqrt(12))
-    if noise_n == 0:
-        return 0.0
-    whole = law.law(device.sample_time_s)
-    of_force = Law(whole.a, whole.b[..., 1:], whole.c, whole.d[..., 1:], whole.sample_time_s)
-    return noise_n * noise_gain(of_force)
-
-
-def speed_at_rest(noise_m_per_s: float, drift_m_per_s: float) -> float:
-    """Return how fast the sensor alone moves a handle at rest: at 3 rms of its noise, or at the drift of one step."""
-    return max(_NOISE_PEAK * noise_m_per_s, drift_m_per_s)
-
-
-def drift(law: VirtualImpedance, device: AdmittanceDevice) -> float:
-    """Return the velocity at rest of a reading that is one step of the sensor off: f/B, 0 on a spring."""
-    if law.stiffness_n_per_m or not device.force_sensor.resolution_n:
-        return 0.0
-    return device.force_sensor.resolution_n / law.damping_ns_per_m if law.damping_ns_per_m else math.inf
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """Which virtual mass and damping an admittance device should render: the least effort with a sound disk margin.
 
-The sensor alone must not move a handle at rest: 3 rms of its noise, and the drift of one of its steps, stay below the
-speed at which a trial counts a handle as moving.
+The sensor alone must not move a handle at rest: 4 rms of its noise in the closed loop with the worst hand or contact,
+and the drift of one of its steps, stay below the speed at which a trial counts a handle as moving.
 
 The effort is that of a hand that moves the handle at 1 Hz, |j w M + B|, without the spring. Over a grid of dampings the
 lightest sound mass is found at the corners of the ranges; the best law is confirmed by a search of the ranges, whose
@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -25,15 +25,13 @@ from avc_casadi.claims.admittance import (
     AdmittanceCertificate,
     HandleAnalysis,
     certify_admittance,
-    drift,
-    speed_at_rest,
-    velocity_noise,
     with_device_value,
 )
 from avc_casadi.claims.mass_width import MassSpans, Span, held_span
+from avc_casadi.claims.sensor_motion import drift, speed_at_rest, velocity_noise
 from avc_casadi.files.admittance_file import AnyAdmittance, as_admittance
 from avc_casadi.loops.margins import SOUND_DISK
-from avc_casadi.model.admittance import AdmittanceDevice, AdmittanceProblem, VirtualImpedance
+from avc_casadi.model.admittance import AdmittanceProblem, VirtualImpedance
 from avc_casadi.simulation.judge import AT_REST_M_PER_S
 
 EFFORT_HZ = 1.0
@@ -138,7 +136,19 @@ def effort_ns_per_m(law: VirtualImpedance) -> float:
 
 @dataclass(frozen=True)
 class _Choice(MassSpans):
-    """Sound laws of one device, one spring and one low pass."""
+    """Sound laws of one device, one spring and one low pass.
+
+    Attributes:
+        analysis: the plants, which a law of least effort must leave at rest in spite of the sensor's noise.
+    """
+
+    analysis: HandleAnalysis
+
+    @classmethod
+    def among(cls, analysis: HandleAnalysis, base: VirtualImpedance) -> Self:
+        """Return those of the plants of an analysis."""
+        spans = MassSpans.of(analysis, base)
+        return cls(spans.response, spans.scales, base, analysis.period_s, analysis)
 
     def masses(self, damping_ns_per_m: float, limit: float) -> Span:
         """Return the sound masses at a damping."""
@@ -152,61 +162,69 @@ class _Choice(MassSpans):
             lambda dampings: self.response.sound(self.laws(mass_kg, dampings), limit), self.scales.dampings_ns_per_m
         )
 
-    def best(self, limit: float, device: AdmittanceDevice) -> VirtualImpedance | None:
+    def best(self, limit: float) -> VirtualImpedance | None:
         """Return the law of least effort that has a disk margin and rests; None where there is none."""
         dampings = self.scales.dampings_ns_per_m[::_COARSE]
-        chosen = self._best_of(dampings, limit, device)
+        chosen = self._best_of(dampings, limit)
         ratio = dampings[1] / dampings[0]
         while chosen is not None and ratio > _FELT_RATIO:
             damping = chosen.damping_ns_per_m
-            finer = self._best_of(damping * ratio ** np.linspace(-1.0, 1.0, _FINE), limit, device)
+            finer = self._best_of(damping * ratio ** np.linspace(-1.0, 1.0, _FINE), limit)
             chosen = chosen if finer is None or effort_ns_per_m(finer) > effort_ns_per_m(chosen) else finer
             ratio = ratio ** (2.0 / (_FINE - 1))
         return chosen
 
-    def _best_of(self, dampings: FloatArray, limit: float, device: AdmittanceDevice) -> VirtualImpedance | None:
-        laws = []
-        least = math.inf
+    def _best_of(self, dampings: FloatArray, limit: float) -> VirtualImpedance | None:
+        best, least = None, math.inf
         for damping in dampings.tolist():
             if damping > least:
                 break
             span = self.masses(damping, limit)
             if math.isnan(span.low):
                 continue
-            law = self._lightest_at_rest(damping, span, device)
-            if law is None:
-                continue
-            laws.append(law)
-            least = min(least, effort_ns_per_m(law))
-        return min(laws, key=effort_ns_per_m, default=None)
+            law = self._lightest_at_rest(damping, span, least)
+            if law is not None and effort_ns_per_m(law) < least:
+                best, least = law, effort_ns_per_m(law)
+        return best
 
-    def _lightest_at_rest(
-        self, damping_ns_per_m: float, span: Span, device: AdmittanceDevice
-    ) -> VirtualImpedance | None:
-        """Return the law of the lightest mass of a span that the sensor alone does not move; None where all move."""
+    def _lightest_at_rest(self, damping_ns_per_m: float, span: Span, most_effort: float) -> VirtualImpedance | None:
+        """Return the law of the lightest mass of a span that the sensor alone does not move; None where all move.
+
+        None too where that is more than an effort that another law needs.
+        """
         lightest = span.low or float(self.scales.masses_kg[0])
         heaviest = min(span.high, float(self.scales.masses_kg[-1]))
 
         def law_of(mass_kg: float) -> VirtualImpedance:
             return self.base.model_copy(update={"mass_kg": mass_kg, "damping_ns_per_m": damping_ns_per_m})
 
-        if _rests(law_of(lightest), device):
+        if effort_ns_per_m(law_of(lightest)) >= most_effort:
+            return None
+        if self._rests(law_of(lightest)):
             return law_of(lightest)
-        if heaviest <= lightest or not _rests(law_of(heaviest), device):
+        if heaviest <= lightest or not self._rests(law_of(heaviest)):
             return None
         # A heavier mass is moved less by noise: the limit is bisected.
         for _ in range(_BISECTIONS):
             middle = math.sqrt(lightest * heaviest)
-            if _rests(law_of(middle), device):
+            if self._rests(law_of(middle)):
                 heaviest = middle
             else:
                 lightest = middle
         return law_of(heaviest)
 
+    def _rests(self, law: VirtualImpedance) -> bool:
+        return rests(law, self.analysis)
 
-def _rests(law: VirtualImpedance, device: AdmittanceDevice) -> bool:
+
+def rests(law: VirtualImpedance, analysis: HandleAnalysis) -> bool:
     """Return whether the sensor alone moves a handle at rest more slowly than what counts as moving."""
-    return speed_at_rest(velocity_noise(law, device), drift(law, device)) < AT_REST_M_PER_S / device.metres_per_unit
+    device = analysis.problem.device
+    at_rest_m_per_s = AT_REST_M_PER_S / device.metres_per_unit
+    drifts = drift(law, device)
+    if speed_at_rest(0.0, drifts) >= at_rest_m_per_s:
+        return False
+    return speed_at_rest(velocity_noise(law, device, analysis.pairs), drifts) < at_rest_m_per_s
 
 
 def recommend_admittance(problem: AnyAdmittance, progress: Progress = SILENT) -> AdmittanceRecommendation:
@@ -240,9 +258,10 @@ def recommend_admittance(problem: AnyAdmittance, progress: Progress = SILENT) ->
         cutoffs = (law.cutoff_hz,)
         stages.begin("hands and contacts")
         margin = analysis.confirmed_margin(law)
-        if margin >= SOUND_DISK:
+        if margin >= SOUND_DISK and rests(law, analysis):
             break
-        limit *= min(_BACK_OFF * SOUND_DISK / max(margin, SOUND_DISK / 2), _BACK_OFF**4)
+        if margin < SOUND_DISK:
+            limit *= min(_BACK_OFF * SOUND_DISK / max(margin, SOUND_DISK / 2), _BACK_OFF**4)
         law = None
     stages.begin("least mass and damping")
     least_mass, least_damping = _at_own(analysis, own, limit)
@@ -287,7 +306,7 @@ def _least_effort(
     found = []
     for base in bases:
         stages.begin("force without a filter" if base.cutoff_hz is None else f"force below {base.cutoff_hz:g} Hz")
-        found.append(_Choice.of(analysis, base).best(limit, analysis.problem.device))
+        found.append(_Choice.among(analysis, base).best(limit))
     return min((law for law in found if law is not None), key=effort_ns_per_m, default=None)
 
 
@@ -295,7 +314,7 @@ def _at_own(analysis: HandleAnalysis, own: VirtualImpedance | None, limit: float
     """Return the lightest sound mass at a law's damping, and the least sound damping at its mass."""
     if own is None:
         return None, None
-    choice = _Choice.of(analysis, own)
+    choice = _Choice.among(analysis, own)
     mass = choice.masses(own.damping_ns_per_m, limit).low if own.damping_ns_per_m else math.nan
     damping = choice.dampings(own.mass_kg, limit).low if own.mass_kg else math.nan
     known = [None if math.isnan(value) else value for value in (mass, damping)]
@@ -314,7 +333,7 @@ def _better_devices(
         if before == 0:
             continue
         changed = analysis.changed(with_device_value(problem, key, before * factor))
-        better = _Choice.of(changed, law).best(limit, changed.problem.device)
+        better = _Choice.among(changed, law).best(limit)
         if better is not None and effort_ns_per_m(better) < effort_ns_per_m(law):
             effort = effort_ns_per_m(better)
             found.append(BetterDevice(key, before * factor, better.mass_kg, better.damping_ns_per_m, effort))

@@ -160,18 +160,16 @@ def test_a_range_of_the_device_is_searched():
     assert ranged.spectral_radius >= alone.spectral_radius - 1e-9
 
 
-def test_noise_and_drift_are_those_of_the_law_sample_by_sample():
-    law = {"mass_kg": 3.0, "damping_ns_per_m": 60.0, "cutoff_hz": 50.0}
-    stated = avc.certify_admittance(arm(law, sensor={"noise_rms_n": 0.3, "resolution_n": 0.1}), remedies=False)
-    noise = 0.3**2 + 0.1**2 / 12
-    period, velocity, filtered, total = 2e-3, 0.0, 0.0, 0.0
-    share = 1 - math.exp(-2 * math.pi * 50.0 * period)
-    for sample in range(4000):
-        filtered += share * ((sample == 0) - filtered)
-        velocity = (3.0 * velocity + period * filtered) / (3.0 + 60.0 * period)
-        total += velocity**2
-    assert stated.noise_m_per_s == pytest.approx(math.sqrt(noise * total), rel=1e-6)
-    assert stated.drift_m_per_s == pytest.approx(0.1 / 60.0)
+def test_one_step_of_the_sensor_moves_a_released_handle_at_its_force_over_the_damping():
+    sensor = {"noise_rms_n": 0.3, "resolution_n": 0.1}
+
+    def judged(**law):
+        tables = arm({"mass_kg": 3.0, "damping_ns_per_m": 60.0, **law}, sensor=sensor)
+        return avc.certify_admittance(tables, remedies=False, limits=False)
+
+    assert judged().drift_m_per_s == pytest.approx(0.1 / 60.0)
+    assert judged(stiffness_n_per_m=10.0).drift_m_per_s == 0
+    assert judged(damping_ns_per_m=0.0).drift_m_per_s == math.inf
 
 
 def test_the_worst_of_a_side_splits_into_a_hand_and_a_contact():

@@ -290,6 +290,32 @@ def _sampled(device, s):
     return np.array([sample(unit, 0.0) for unit in units]).T, sample(0 * units[0], 1.0)
 
 
+def after_wrong_readings(device, wrong_n, samples, replaced=False):
+    """Return command, position and speed of the drive and speed of the handle, (samples, 4), from rest.
+
+    The first readings are wrong by some newtons, or are these newtons whatever the true force.
+    """
+    kept, late, size = device.kept, int(device.late_samples), len(device.kept)
+    part = device.late_samples - late
+    motion, push, _ = _moving(device)
+    whole = np.zeros((size + 1, size + 1))
+    whole[:size] = np.column_stack([motion, push])
+    first, second = expm(whole * part * device.sample_s), expm(whole * (1 - part) * device.sample_s)
+    body, memory, past, rows = np.zeros(device.size), (0.0,) * device.remembers, [0.0] * (late + 2), []
+    for sample in range(samples):
+        read = body.copy()
+        if sample < len(wrong_n):
+            # The stretch of the sensor says what it reads; position and speeds of the drive stay.
+            read[4] = body[1] if replaced else body[4]
+            read[3] = (body[0] if replaced else body[3]) + wrong_n[sample] / device.sensor_n_per_m
+        memory = device.command(memory, read)
+        past = [memory[1], *past[:-1]]
+        rows.append((memory[1], body[0], body[1], body[4]))
+        moved = first @ [*body[kept], past[late + 1] if part else past[late]]
+        body[kept] = (second @ [*moved[:size], past[late]])[:size]
+    return np.array(rows)
+
+
 def growth(device, samples=30_000, fine=None):
     """Return by how much a motion grows in a sample, from a simulation of some samples after a knock of the handle."""
     stiff = math.sqrt((device.sensor_n_per_m + device.hand_n_per_m) / device.handle_kg)

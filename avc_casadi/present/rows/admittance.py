@@ -14,10 +14,10 @@ from avc_casadi.claims.admittance import (
     AdmittanceRemedy,
     HandleCase,
     HandleVerdict,
-    speed_at_rest,
 )
 from avc_casadi.claims.handle_port import HandlePassivity
 from avc_casadi.claims.mass_width import MassWidth
+from avc_casadi.claims.sensor_motion import speed_at_rest
 from avc_casadi.files.catalogue import admittance_names
 from avc_casadi.files.new_admittance import NewAdmittance
 from avc_casadi.files.new_options import CONTACT
@@ -390,8 +390,10 @@ def _noise(result: AdmittanceCertificate) -> Row:
     sensor = result.problem.device.force_sensor
     if not sensor.noise_rms_n and not sensor.resolution_n:
         return row("Sensor noise", "not stated: noise_rms_n and resolution_n of the force sensor")
+    if math.isinf(result.noise_m_per_s):
+        return row("Sensor noise", "grows without end: the law is unstable")
     noise = Value(result.noise_m_per_s, "speed")
-    return row("Sensor noise", noise, "rms at rest, of sensor and law alone", drifts, mark=caution(moves))
+    return row("Sensor noise", noise, "rms at rest, with the worst hand or contact", drifts, mark=caution(moves))
 
 
 def _remedies(remedies: tuple[AdmittanceRemedy, ...]) -> tuple[Part, ...]:

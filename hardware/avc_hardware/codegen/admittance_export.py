@@ -9,7 +9,8 @@ from dataclasses import dataclass
 
 from avc_casadi import InputError, NotDeployableError
 from avc_casadi._errors import Fault
-from avc_casadi.claims.admittance import certify_admittance
+from avc_casadi.claims.admittance import HandleAnalysis, certify_admittance
+from avc_casadi.claims.sensor_motion import SensorLoops
 from avc_casadi.model.admittance import AdmittanceProblem, VirtualImpedance
 from avc_casadi.simulation.emit import Precision
 from avc_hardware.codegen import c_frame
@@ -46,6 +47,7 @@ _HEADER = """\
  *   {again} believed ones in a row between, the velocity falls to 0 within {stop:.4g} s. It stays there until {again}
  *   readings in a row are believed, half a swing of the handle on its sensor: a blow may stop the device so long.
  * {stuck}
+ * {pushed_back}
  * {position}
  * {offset}
  */
@@ -215,6 +217,8 @@ class FaultBounds:
         full_n: readings at or beyond this are at the end of the sensor's range.
         jump_n: change of a reading that is refused once.
         push_m: motion for each bad reading in a row that agrees with the one before; infinite without damping.
+        pushed_back_m: the same, where hands, contacts and the swing of the handle push back with a true force.
+        stop_m: motion until a device stands still whose readings are no longer believed.
         repeated: equal readings in a row after which a sensor counts as stuck; 0: that cannot be seen.
         fall_m_per_s: by how much the velocity falls in a sample where no reading is believed.
         way_m: change of a position that is refused once.
@@ -224,6 +228,8 @@ class FaultBounds:
     full_n: float
     jump_n: float
     push_m: float
+    pushed_back_m: float
+    stop_m: float
     repeated: int
     fall_m_per_s: float
     way_m: float
@@ -240,14 +246,21 @@ class FaultBounds:
         rise = stiffest * HAND_M_PER_S / device.metres_per_unit * period
         noise = _SIGMAS * sensor.noise_rms_n + 2 * sensor.resolution_n
         damping = law.damping_ns_per_m
+        push_m = period * full / damping if damping else math.inf
+        again = _half_swing(problem)
+        loops = SensorLoops.around(HandleAnalysis(problem).pairs, law.law(period))
+        # Of readings that are held and those that are refused while the velocity falls to 0.
+        stop_s = (HELD_SAMPLES + 1) * period + STOP_S / 2
         return cls(
             full_n=full,
             jump_n=min(max(rise + noise, _LEAST_JUMP_SHARE * full), full),
-            push_m=period * full / damping if damping else math.inf,
+            push_m=push_m,
+            pushed_back_m=max(push_m, full * loops.motion_m_per_n(2 * again)),
+            stop_m=device.max_speed_m_per_s * stop_s,
             repeated=_repeated(sensor.noise_rms_n, sensor.resolution_n),
             fall_m_per_s=device.max_speed_m_per_s * period / STOP_S,
             way_m=3 * device.max_speed_m_per_s * period,
-            again=_half_swing(problem),
+            again=again,
         )
 
 
@@ -335,6 +348,7 @@ def _header(
         again=bounds.again,
         stop=STOP_S,
         stuck=c_frame.comment_lines(_told_of_stuck(bounds, law, device.sample_time_s)),
+        pushed_back=c_frame.comment_lines(_told_of_push(bounds)),
         position=c_frame.comment_lines(_told_of_position(bounds, law)),
         offset=c_frame.comment_lines(_told_of_offset(law)),
         id=law_id(problem),
@@ -358,6 +372,18 @@ def _told_of_stuck(bounds: FaultBounds, law: VirtualImpedance, period_s: float) 
     speed = f"at {1 / law.damping_ns_per_m:.4g} m/s for each N" if law.damping_ns_per_m else "faster and faster"
     time_s = bounds.repeated * period_s
     return f"- A stuck sensor is detected after {bounds.repeated} equal readings, {time_s:.4g} s: it moves {speed}."
+
+
+def _told_of_push(bounds: FaultBounds) -> str:
+    """Return what hands, contacts and the handle add: the motion of an error shakes the handle, which pushes back."""
+    each = f"The device moves by {bounds.pushed_back_m:.4g} m for each bad reading at most"
+    if math.isinf(bounds.pushed_back_m):
+        each = "The motion then has no bound"
+    return (
+        "The motions above are those of the bad readings alone. Then hand, contact and the swing of the handle push "
+        f"back with a true force, which the law follows. {each}, with the hands and contacts of the problem. If true "
+        f"readings jump too, they are refused: before it stands still, the device moves by {bounds.stop_m:.4g} m more."
+    )
 
 
 def _told_of_position(bounds: FaultBounds, law: VirtualImpedance) -> str:
