@@ -81,12 +81,16 @@ def _disk_margins(family: LawFamily, springs: _Springs) -> FloatArray:
 
 
 def _starts(family: LawFamily, disk_margin: float) -> Iterator[FloatArray]:
-    """Yield gains L: for each spring the fastest lag with enough margin, and the largest margin; then the regulator."""
+    """Yield gains L, shape (states,): for each spring the law of the fastest lag with enough margin, then of the most.
+
+    The last is the regulator's own, the innovation of the family's structure.
+    """
     springs = _Springs.grid(family)
     margins = _disk_margins(family, springs)
-    enough = np.minimum(margins, _ENOUGH_MARGIN * disk_margin) + _PER_LAG_HZ * springs.lag_hz
+    # Margin counts up to what is enough; of laws with enough the fastest lag decides.
+    fast_enough = np.minimum(margins, _ENOUGH_MARGIN * disk_margin) + _PER_LAG_HZ * springs.lag_hz
     of_each_spring = len(springs) // len(_SPRING_SHARES)
-    for score in (enough, margins):
+    for score in (fast_enough, margins):
         best_of_each = np.argmax(score.reshape(-1, of_each_spring), axis=1)
         for row in best_of_each + np.arange(0, len(springs), of_each_spring):
             if margins[row] > 0:

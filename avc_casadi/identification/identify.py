@@ -190,7 +190,7 @@ def _check(records: Sequence[Record], base: DeviceFile | None, handle_radius_m: 
         message = "mix linear and rotary devices; give logs and a --device of the same motion"
         faults.append(Fault("", None, "logs", message))
     if seconds < _SHORTEST_LOGS_S:
-        message = f"have {number(seconds)} s in all; allowed: at least 1 s"
+        message = f"have {number(seconds)} s in all; allowed: at least {_SHORTEST_LOGS_S} s"
         faults.append(Fault("", None, "logs", message))
     if motions == {"linear"} and handle_radius_m is not None:
         faults.append(Fault("", None, "handle_radius_m", "applies to logs in rad only; leave it out"))

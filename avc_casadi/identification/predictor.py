@@ -174,6 +174,9 @@ def _friction_of(velocities: Sequence[Any], mobilities: Sequence[Any], decay: An
     Between two cuts the velocity v moves under a constant drive and its own friction -level sign(v). It keeps its sign,
     or it reaches zero inside the interval, and then friction holds the motor up to its level or releases it in the
     other direction.
+
+    A force weighs in the final velocity by the mobility that is left when it acts: mobility is the clock here, and all
+    shares (`_late`, `_held_share`) are shares of it.
     """
     whole = mobilities[-1]
     loss = 1 - ca.fmax(decay, _LEAST_DECAY)

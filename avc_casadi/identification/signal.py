@@ -54,7 +54,11 @@ class Signal:
         growth_per_tick: float = 0.0,
         knots: Sequence[float] | FloatArray = (1.0,) * KNOTS,
     ) -> Signal:
-        """Round to the integers of the device: amplitudes as shares of the largest force, knots from 0 to 1."""
+        """Round to the integers of the device.
+
+        Amplitudes are shares of the largest force. Every tick the frequency grows by the share `growth_per_tick`.
+        `knots` from 0 to 1 are the envelope, equally spaced over the motion.
+        """
         return cls(
             step=tuple(round(float(turns) * TURN) for turns in np.asarray(frequency_hz) * sample_time_s),
             phase=tuple(round(float(angle_rad) / (2 * np.pi) * 65536) % 65536 for angle_rad in phase_rad),

@@ -428,12 +428,13 @@ def _swing(tool: Simulation) -> Swing:
     lightest, heaviest = tool.tool_mass_kg or (math.inf, math.inf)
     dampers = tool.contact_damping_ns_per_m
     exact = tool.integrator == "exact"
-    # A semi-implicit step turns by half a turn at sqrt(k/m) dt = 2, beyond which it grows; an implicit one damps.
+    # At sqrt(k/m) dt = 2, dt a substep, a semi-implicit step turns by half a turn; beyond that it grows. An implicit
+    # step damps, and its loop no longer depends on the stiffness there. An exact one turns on and on.
     last_rad = math.inf if exact else 2.0 * tool.substeps
     return Swing(
-        lightest,
-        max(tool.step_s),
-        1.0 + tool.queued,
+        mass_kg=lightest,
+        period_s=max(tool.step_s),
+        late_samples=1.0 + tool.queued,
         damping_ratio=1.0 if dampers is None else 0.0,
         decay_per_s=0.0 if dampers is None else (tool.tool_damping_ns_per_m[0] + dampers[0]) / (2 * heaviest),
         last_rad=last_rad,

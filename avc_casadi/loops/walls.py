@@ -109,11 +109,11 @@ class _Curves:
 
     @classmethod
     def of(cls, corners: Sequence[Device], hands: Hand, poles: Poles) -> _Curves | None:
-        """Return all cases with an equation of motion; None where a device with a hand has none."""
+        """Return every corner with every hand, corner by corner; None if a device with a hand has no mass to move."""
         h = len(hands)
         plant = plants_of(corners, hands)
         s = len(plant.names)
-        # Velocities are counted by the sample.
+        # In metres per sample, velocities are of the size of positions.
         scale = np.array([plant.sample_time_s if name.endswith("_per_s") else 1.0 for name in plant.names])
         matrix = (plant.matrix * scale[:, None] / scale).reshape(-1, s, s)
         new = (plant.new * scale).reshape(-1, s)

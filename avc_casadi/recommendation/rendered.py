@@ -130,8 +130,9 @@ def _led(
 def _imposed(
     coupling: Coupling, position_m: FloatArray, changed: dict[str, Any], fastest_hz: float = 0.0, faces: int = 1
 ) -> tuple[FloatArray, FloatArray]:
-    """Return position and arriving force for an imposed motion of the sensor of a changed device, (faces, samples).
+    """Return the sensor's position and the force after delay and amplifier, (faces, samples), for an imposed motion.
 
+    `changed` are values of the device that differ; the last position of the motion has no sample of its own.
     The wall's face lies in the middle of an encoder step; of several faces each lies elsewhere. An imposed motion
     leaves no part to mass, resonance and dry friction.
     """
@@ -148,10 +149,15 @@ def _imposed(
     # The motion is imposed by a mass far beyond the device's force, on a spring much faster than the motion.
     fast = 2 * math.pi * max(20.0 * fastest_hz, 30.0)
     mass = 1e7 * (device.mass_kg + coupling.problem.hands.mass_kg[1])
-    hand = Hand(*(np.full(faces, value) for value in (mass, 2 * mass * fast, mass * fast**2)))
-    samples, t = len(position_m) - 1, device.sample_time_s
-    scene, parameters, held = prepare(setup, hand, Hold(end_m=0.0), samples * t)
-    inputs = held.copy()
+    hand = Hand(
+        mass_kg=np.full(faces, mass),
+        damping_ns_per_m=np.full(faces, 2 * mass * fast),
+        stiffness_n_per_m=np.full(faces, mass * fast**2),
+    )
+    samples = len(position_m) - 1
+    t = device.sample_time_s
+    scene, parameters, inputs_at_rest = prepare(setup, hand, Hold(end_m=0.0), samples * t)
+    inputs = inputs_at_rest.copy()
     inputs[scene.inputs.index("target_position_m")] = position_m[:-1]
     inputs[scene.inputs.index("target_velocity_m_per_s")] = np.diff(position_m) / t
     run = execute(scene, parameters, inputs)

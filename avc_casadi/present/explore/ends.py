@@ -269,18 +269,19 @@ def _wall_answer(
 def _law_answer(
     law: ControlLaw, explorer: Explorer, settings: Settings, problem: Problem, extent: Extent
 ) -> PageAnswer:
-    """Return a table [law]: its force over position, its verdict and rows, and a simulated touch."""
+    """Return a table [law]: its force over position; by extent its verdict and rows too, and a simulated touch."""
     tables = problem_document(problem)
     gains = {field.key: field.value(tables) for field in explorer.form.gains}
     charts = [_force_over_position(law, problem)]
     if extent is Extent.PICTURES:
         return PageAnswer(gains, charts)
-    stated, limits = settings.key("gains"), extent is Extent.WHOLE
-    own = explorer.cached(f"law {limits} {stated}", lambda: _law_judged(problem, limits=limits))
+    stated = settings.key("gains")
+    with_limits = extent is Extent.WHOLE
+    judged = explorer.cached(f"law {with_limits} {stated}", lambda: _law_judged(problem, limits=with_limits))
     if extent is Extent.WHOLE:
         run = explorer.cached(f"touch {stated} {settings.motion}", lambda: simulate(problem))
         charts += touches({"own": run}, problem, "wall at 0" if problem.law_in_wall else "about 0", {"own": "your law"})
-    return PageAnswer(gains, charts, own)
+    return PageAnswer(gains, charts, judged)
 
 
 def _law_judged(problem: Problem, *, limits: bool) -> Judged:

@@ -192,8 +192,10 @@ def _contacts(tool: Simulation) -> tuple[Part, ...]:
 @_beyond_headline.register
 def _follower(far: Follower) -> list[Row]:
     """Return link, what is sent back, what the follower touches."""
-    to_follower, to_leader = span(far.delay_s, "time"), span(far.return_delay_s or far.delay_s, "time")
-    jitter, lost = Value(far.jitter, "share"), Value(far.lost_share, "share")
+    to_follower = span(far.delay_s, "time")
+    to_leader = span(far.return_delay_s or far.delay_s, "time")
+    jitter = Value(far.jitter, "share")
+    lost = Value(far.lost_share, "share")
     sent = f", {far.force} is sent back" if far.architecture == "position-force" else ""
     contact: Parts = "a rigid object"
     if not far.rigid:

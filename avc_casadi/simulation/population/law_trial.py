@@ -219,6 +219,7 @@ class _Motion:
     rests: BoolArray
     cycles: list[LimitCycle]
     vibration: float
+    """Largest at the hand, in multiples of the detection threshold."""
     stiffness_n_per_m: FloatArray
 
 
@@ -246,17 +247,25 @@ def _try_at(problem: Problem, hands: Hand, seed: int) -> LawCase:
 
 
 def _moved(blocks: Iterator[Traces], device: Device) -> _Motion:
-    """Return how hands end a motion: whether they are at rest, else how they swing."""
-    rests, cycles, vibration, stiffness = [], [], [], []
+    """Return how the hands of all blocks end a motion: whether they rest, else how they swing; vibration, stiffness."""
+    rests = []
+    swings = []
+    vibration = []
+    stiffness = []
     for block in blocks:
         verdict = block.judge()
-        turns = _Cycles.of(block, _SWING_WINDOW_S, _swing_m(device))
-        at_rest = verdict.stable & ~turns.sustained
-        cycles += [turns.cycle(int(row)) for row in np.flatnonzero(~at_rest)]
+        cycles = _Cycles.of(block, _SWING_WINDOW_S, _swing_m(device))
+        at_rest = verdict.stable & ~cycles.sustained
+        swings += [cycles.cycle(int(row)) for row in np.flatnonzero(~at_rest)]
         rests.append(at_rest)
         vibration.append(block.vibration.max())
         stiffness.append(verdict.apparent_stiffness_n_per_m)
-    return _Motion(np.concatenate(rests), cycles, float(np.max(vibration)), np.concatenate(stiffness))
+    return _Motion(
+        rests=np.concatenate(rests),
+        cycles=swings,
+        vibration=float(np.max(vibration)),
+        stiffness_n_per_m=np.concatenate(stiffness),
+    )
 
 
 def _hunting(setup: Setup, hands: Hand) -> LimitCycle | None:

@@ -93,7 +93,11 @@ def _try_setup(
     motions: Sequence[str],
     courses: tuple[Course, Course],
 ) -> _ToolResults:
-    """Simulate every motion on every contact; hands that are not at rest then, for longer."""
+    """Simulate every motion on every contact; hands that do not settle in the first course take the longer one.
+
+    A hand settles in a motion if it settles on every contact. Apparent stiffness (of a press below the force limit) and
+    peak force (of a tap) are those on the last contact, which is the stiffest.
+    """
     device = setup.problem.device
     contacts = [stiffness for stiffness in contact_stiffnesses_n_per_m(tool) if stiffness > 0] or [0.0]
     limit_n = device.max_force_n or np.inf
