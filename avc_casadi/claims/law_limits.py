@@ -27,7 +27,7 @@ from avc_casadi.claims.law_points import (
     slopes_at,
     worst,
 )
-from avc_casadi.claims.stable_interval import Interval, inside_ends, stable_interval
+from avc_casadi.claims.stable_interval import Growth, Interval, inside_ends, stable_interval
 from avc_casadi.claims.stated_law import StatedSystem
 from avc_casadi.loops.loop import Body
 from avc_casadi.loops.plant_family import Measure as PlantMeasure
@@ -102,21 +102,26 @@ def _between(first: Law, second: Law, share: FloatArray) -> Law:
 
 
 def stacked(laws: Sequence[Law]) -> Law:
-    """Return laws of the same signals as one of many; a state that one does not have stays 0 there."""
-    states = max(law.states for law in laws)
+    """Return laws of the same signals as one of many; a state or a sector that one does not have stays 0 there."""
+    most = max(laws, key=lambda law: law.states)
+    sectors = max((law.sectors for law in laws), key=len)
+    names = [sector.name for sector in sectors]
 
-    def grown(matrix: FloatArray, rows: int, columns: int) -> FloatArray:
-        return np.pad(matrix, ((0, rows - matrix.shape[0]), (0, columns - matrix.shape[1])))
+    def places(signals: int, law: Law) -> list[int]:
+        return [*range(signals), *(signals + names.index(sector.name) for sector in law.sectors)]
 
-    inputs, outputs = laws[0].b.shape[-1], laws[0].c.shape[-2]
-    return Law(
-        a=np.stack([grown(law.a, states, states) for law in laws]),
-        b=np.stack([grown(law.b, states, inputs) for law in laws]),
-        c=np.stack([grown(law.c, outputs, states) for law in laws]),
-        d=np.stack([law.d for law in laws]),
-        sample_time_s=laws[0].sample_time_s,
-        sectors=laws[0].sectors,
-    )
+    states, inputs, outputs = most.states, most.measured + len(sectors), most.outputs + len(sectors)
+    a = np.zeros((len(laws), states, states))
+    b = np.zeros((len(laws), states, inputs))
+    c = np.zeros((len(laws), outputs, states))
+    d = np.zeros((len(laws), outputs, inputs))
+    for row, law in enumerate(laws):
+        into, out = places(law.measured, law), places(law.outputs, law)
+        a[row, : law.states, : law.states] = law.a
+        b[row, : law.states, into] = law.b.T
+        c[row, out, : law.states] = law.c
+        d[row, np.ix_(out, into)[0], np.ix_(out, into)[1]] = law.d
+    return Law(a, b, c, d, laws[0].sample_time_s, sectors)
 
 
 class LawLimits:
@@ -132,6 +137,8 @@ class LawLimits:
         # Another measure than the radius alone: of several kinds of poles.
         self._measure = measure
         self._points: list[LawPoint] = []
+        # Matrices of laws that a search of the ranges found stable.
+        self._stable_laws: set[tuple[bytes, ...]] = set()
         # Of the laws that act that with all of the sectors.
         self._sectors = max((law.sectors for law in acting), key=len, default=())
         self._keep([point for side in family.sides for point in corner_points(side, self._sectors)])
@@ -148,20 +155,36 @@ class LawLimits:
         radii = self._radii(laws_of(np.array([number.value])), slice(None))[:, 0]
         self._chosen = np.argsort(radii)[-_PLANTS_OF_A_SCAN:]
         for _ in range(_SEARCHES):
-            ends = stable_interval(number, partial(self._growth, laws_of))
+            ends = stable_interval(number, partial(self._growth, laws_of), partial(self._deciding, laws_of))
             if ends is None or self._confirmed(laws_of, inside_ends(number, ends)):
                 break
         return ends
 
     def _radii(self, laws: Sequence[Law], rows: slice | IndexArray) -> FloatArray:
         """Return the largest radius at each point over laws of m values, shape (points, m)."""
+        return np.asarray(np.max(self._radii_of_each(laws, rows), axis=0))
+
+    def _radii_of_each(self, laws: Sequence[Law], rows: slice | IndexArray) -> FloatArray:
+        """Return the radius at each point with each law of m values, shape (laws, points, m)."""
         body = self._bodies.axes(rows, None)
-        linear = [law_at(law, self._slopes, rows, None) for law in laws]
-        return np.asarray(np.max([closed(body, law).radius for law in linear], axis=0))
+        radii = [closed(body, law_at(law, self._slopes, rows, None)).radius for law in laws]
+        return np.array(np.broadcast_arrays(*radii))
 
     def _growth(self, laws_of: LawsOf, values: FloatArray) -> FloatArray:
         """Return the largest radius at the chosen points less 1, at each of some values."""
         return np.asarray(self._radii(laws_of(values), self._chosen).max(axis=0) - 1)
+
+    def _deciding(self, laws_of: LawsOf, value: float) -> Growth:
+        """Return the growth of those laws and chosen points that are unstable at a value."""
+        unstable = self._radii_of_each(laws_of(np.array([value])), self._chosen)[..., 0] >= 1
+        points = self._chosen[unstable.any(axis=0)]
+        places = np.flatnonzero(unstable.any(axis=1)).tolist()
+
+        def growth(values: FloatArray) -> FloatArray:
+            laws = laws_of(values)
+            return np.asarray(self._radii([laws[place] for place in places], points).max(axis=0) - 1)
+
+        return growth
 
     def _confirmed(self, laws_of: LawsOf, values: Sequence[float]) -> bool:
         """Look for points that are unstable at some values, at all corners and in the ranges; keep them."""
@@ -176,10 +199,20 @@ class LawLimits:
         return confirmed
 
     def _searched(self, laws: Sequence[Law]) -> IndexArray:
-        """Return the rows of new points of the ranges that are unstable with some laws."""
+        """Return the rows of new points of the ranges that are unstable with some laws.
+
+        A law that a search found stable is not searched again: outside the wall many numbers change nothing.
+        """
         before = len(self._points)
-        cases = [self._worst(law, side) for law in laws for side in self.family.sides]
-        unstable = [case.point for case in cases if case.value >= 1]
+        unstable = []
+        for law in laws:
+            matrices = tuple(matrix.tobytes() for matrix in (law.a, law.b, law.c, law.d))
+            if matrices in self._stable_laws:
+                continue
+            points = [case.point for case in map(partial(self._worst, law), self.family.sides) if case.value >= 1]
+            unstable += points
+            if not points:
+                self._stable_laws.add(matrices)
         if unstable:
             self._keep(unstable)
         return np.arange(before, len(self._points))

@@ -1,9 +1,13 @@
-"""Between which values a number of a loop is stable: a scan by even factors, then a root at its ends."""
+"""Between which values a number of a loop is stable: a scan by even factors, then a root at its ends.
+
+A number that counts samples is scanned by the same factors, then halved to the last stable count.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from itertools import zip_longest
 
 import numpy as np
@@ -16,11 +20,15 @@ Interval = tuple[float, float]
 Growth = Callable[[FloatArray], FloatArray]
 """The largest spectral radius less 1 of all loops at some values of a number, shape (m,): below 0 all are stable."""
 
-# Values of a scan: from a value up and down by a factor, in so many steps; a side of another sign has as many. So many
-# are looked at together.
+Deciding = Callable[[float], Growth]
+"""The growth of those loops alone that are unstable at a value: they decide where an interval ends before it."""
+
+# Values of a scan: from a value up and down by a factor, in so many steps; a side of another sign has as many. The
+# first few are looked at together, then twice as many at a time up to the most.
 _REACH = 1e4
 _STEPS = 64
-_TOGETHER = 16
+_FIRST_TOGETHER = 2
+_MOST_TOGETHER = 16
 # An end is right to this share of the distance between a stable value and one that is not.
 _PRECISION = 1e-8
 _BISECTIONS = 27
@@ -28,18 +36,25 @@ JUST_INSIDE = 1e-6
 """Share of an end by which the value that confirms it lies inside."""
 
 
-def stable_interval(number: LawNumber, growth: Growth) -> Interval | None:
-    """Return the stable interval of a number about its value, or nearest to it; None where no value is stable."""
-    stable = _nearest(number, growth)
-    if stable is None:
-        return None
-    return _end(number, growth, stable, -1), _end(number, growth, stable, 1)
+def stable_interval(number: LawNumber, growth: Growth, deciding: Deciding | None = None) -> Interval | None:
+    """Return the stable interval of a number about its value, or nearest to it; None where no value is stable.
+
+    Args:
+        number: with its value and its bounds.
+        growth: of all loops.
+        deciding: leaves loops out of the search of an end; by default none is.
+    """
+    search = _Search(number, growth, deciding or (lambda value: growth))  # noqa: ARG005 - all decide
+    stable = search.nearest()
+    return None if stable is None else (search.end(stable, -1), search.end(stable, 1))
 
 
 def _together(values: Sequence[float]) -> Iterator[Sequence[float]]:
-    """Yield values that are looked at together."""
-    for first in range(0, len(values), _TOGETHER):
-        yield values[first : first + _TOGETHER]
+    """Yield values that are looked at together, ever more of them."""
+    first, count = 0, _FIRST_TOGETHER
+    while first < len(values):
+        yield values[first : first + count]
+        first, count = first + count, min(2 * count, _MOST_TOGETHER)
 
 
 def inside_ends(number: LawNumber, ends: Interval) -> list[float]:
@@ -51,46 +66,68 @@ def inside_ends(number: LawNumber, ends: Interval) -> list[float]:
     ]
 
 
-def _nearest(number: LawNumber, growth: Growth) -> float | None:
-    """Return the value of a number, or the stable one of the scan that is the fewest steps away."""
-    sides = (_scan(number, number.value, sign) for sign in (-1, 1))
-    near = [number.value, *(value for steps in zip_longest(*sides) for value in steps if value is not None)]
-    for values in ([number.value], *_together(near[1:])):
-        stable = growth(np.array(values)) < 0
-        if stable.any():
-            return float(values[int(stable.argmax())])
-    return None
+@dataclass(frozen=True)
+class _Search:
+    """A stable value of a number, and the ends of the interval about it."""
 
+    number: LawNumber
+    growth: Growth
+    deciding: Deciding
 
-def _end(number: LawNumber, growth: Growth, stable: float, sign: int) -> float:
-    """Return the last stable value on a side; infinite, or the bound of the number, where the scan meets none."""
-    last = stable
-    for values in _together(_scan(number, stable, sign)):
-        unstable = growth(np.array(values)) >= 0
-        if unstable.any():
-            first = int(unstable.argmax())
-            last = values[first - 1] if first else last
-            return last if number.whole else _edge(growth, last, values[first])
-        last = values[-1]
-    return number.lowest if sign < 0 else number.highest
+    def nearest(self) -> float | None:
+        """Return the value of the number, or the stable one of the scan that is the fewest steps away."""
+        number = self.number
+        if self._stable(number.value):
+            return number.value
+        deciding = self.deciding(number.value)
+        sides = (_scan(number, number.value, sign) for sign in (-1, 1))
+        near = [value for steps in zip_longest(*sides) for value in steps if value is not None]
+        for values in _together(near):
+            hopeful = np.array(values)[deciding(np.array(values)) < 0]
+            stable = hopeful[self.growth(hopeful) < 0] if hopeful.size else hopeful
+            if stable.size:
+                return float(stable[0])
+        return None
 
+    def end(self, stable: float, sign: int) -> float:
+        """Return the last stable value on a side; infinite, or the bound of the number, where the scan meets none."""
+        last = stable
+        for values in _together(_scan(self.number, stable, sign)):
+            unstable = self.growth(np.array(values)) >= 0
+            if unstable.any():
+                first = int(unstable.argmax())
+                last = values[first - 1] if first else last
+                return self._last_count(last, values[first]) if self.number.whole else self._edge(last, values[first])
+            last = values[-1]
+        return self.number.lowest if sign < 0 else self.number.highest
 
-def _edge(growth: Growth, stable: float, unstable: float) -> float:
-    """Return the last stable value between a stable and an unstable one: Brent's root, on its stable side."""
+    def _last_count(self, stable: float, unstable: float) -> float:
+        """Return the last stable count between a stable and an unstable one, by halving."""
+        while abs(unstable - stable) > 1:
+            middle = (stable + unstable) // 2
+            stable, unstable = (middle, unstable) if self._stable(middle) else (stable, middle)
+        return stable
 
-    def at(value: float) -> float:
-        return float(growth(np.array([value]))[0])
+    def _edge(self, stable: float, unstable: float) -> float:
+        """Return the last stable value between a stable and an unstable one: Brent's root, on its stable side."""
+        precision = _PRECISION * abs(unstable - stable)
+        deciding = self.deciding(unstable)
 
-    precision = _PRECISION * abs(unstable - stable)
-    root = float(brentq(at, stable, unstable, xtol=precision, rtol=4 * np.finfo(np.float64).eps))
-    for steps in (0, 2):
-        value = root + steps * math.copysign(precision, stable - unstable)
-        if min(stable, unstable) <= value <= max(stable, unstable) and at(value) < 0:
-            return value
-    for _ in range(_BISECTIONS):
-        middle = 0.5 * (stable + unstable)
-        stable, unstable = (middle, unstable) if at(middle) < 0 else (stable, middle)
-    return stable
+        def decided(value: float) -> float:
+            return float(deciding(np.array([value]))[0])
+
+        root = float(brentq(decided, stable, unstable, xtol=precision, rtol=4 * np.finfo(np.float64).eps))
+        for steps in (0, 2):
+            value = root + steps * math.copysign(precision, stable - unstable)
+            if min(stable, unstable) <= value <= max(stable, unstable) and self._stable(value):
+                return value
+        for _ in range(_BISECTIONS):
+            middle = 0.5 * (stable + unstable)
+            stable, unstable = (middle, unstable) if self._stable(middle) else (stable, middle)
+        return stable
+
+    def _stable(self, value: float) -> bool:
+        return float(self.growth(np.array([value]))[0]) < 0
 
 
 def _scan(number: LawNumber, start: float, sign: int) -> list[float]:
@@ -99,9 +136,11 @@ def _scan(number: LawNumber, start: float, sign: int) -> list[float]:
     A number of either sign passes 0, which is one of the values, and goes on by the factors of its own size.
     """
     bound = number.highest if sign > 0 else number.lowest
-    if number.whole:
-        return [float(value) for value in range(int(start) + sign, int(bound) + sign, sign)]
     factors = np.geomspace(1.0, _REACH, _STEPS + 1)[1:]
+    if number.whole:
+        counts = np.unique(np.round(start * factors**sign))
+        between = counts[(counts * sign > start * sign) & (counts * sign < bound * sign)]
+        return [*between[::sign].tolist(), *([bound] if start != bound else [])]
     size = abs(start) or abs(number.value)
     away, back = sign * size * factors, -sign * size / factors
     if start * sign > 0:

@@ -14,6 +14,7 @@ from typing import Self
 import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray, IndexArray
+from avc_casadi._util.resolvent import response
 from avc_casadi.coupling import Coupling
 from avc_casadi.loops.loop import Body
 from avc_casadi.loops.plant_family import PlantFamily
@@ -105,13 +106,10 @@ class OpenLoop:
         body = self.body.axes(loops)
         angles = np.broadcast_to(turn, (len(body.a), np.shape(turn)[-1]))
         z = np.exp(1j * angles)
-        pencil = z[..., None, None] * np.eye(body.size) - body.a[:, None]
-        push = np.broadcast_to(body.b[:, None], (*angles.shape, body.size))
-        states = np.linalg.solve(pencil, push.astype(np.complex128)[..., None])[..., 0]
         law = self.law.pick((loops, None)) if self.law.shape else self.law
-        command = law.transfer(z) * (states @ body.output_row)
-        if body.force_row is not None:
-            command = command + law.transfer(z, 1) * (states * body.force_row[:, None]).sum(axis=-1)
+        rows = np.broadcast_to(body.measured, (len(body.a), *body.measured.shape[-2:]))
+        measured = response(z, body.a[:, None], body.b[:, None], rows[:, None])
+        command = sum(law.transfer(z, place) * signal for place, signal in enumerate(measured))
         return np.asarray(-command)
 
     def turns(self) -> FloatArray:

@@ -22,6 +22,8 @@ LARGEST_COMPENSATION = 0.5
 _MOST_FILTERS = 16
 # Longest timeout of the time between steps, in samples: its linear claim is a window of twice as many.
 _MOST_TICKS = 128
+# Limits are looked for up to windows of so many samples: a longer one delays the velocity by more than half of them.
+_LONGEST_WINDOW = 64
 # Frequencies at which limits are looked for, as shares of the sample rate: below the first a filter hardly moves.
 _LEAST_SHARE = 1e-4
 _MOST_SHARE = 0.499
@@ -470,9 +472,11 @@ class ControlLaw(t.Table):
 
 def _bounds(key: str, value: float, table: t.Table, sample_time_s: float) -> tuple[float, float]:
     """Return the bounds of a number of an estimator or a filter, of a frequency as shares of the sample rate."""
-    known = {"depth": (0.0, 1.0), "width": (1e-3, 10.0), "phase_deg": (0.1, 85.0), "samples": (1, 256)}
+    known = {"depth": (0.0, 1.0), "width": (1e-3, 10.0), "phase_deg": (0.1, 85.0)}
+    if isinstance(table, WindowVelocity):
+        return 1, max(value, _LONGEST_WINDOW)
     if isinstance(table, TicksVelocity):
-        return sample_time_s, max(value, _MOST_TICKS * sample_time_s)
+        return sample_time_s, max(value, _LONGEST_WINDOW / 2 * sample_time_s)
     lowest = min(value, _LEAST_SHARE / sample_time_s)
     highest = _MOST_SHARE / sample_time_s if isinstance(table, NotchFilter | LeadFilter) else math.inf
     return known.get(key, (lowest, max(value, highest)))

@@ -20,17 +20,15 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import schur
 
 from avc_casadi._util.arrays import ComplexArray, FloatArray
+from avc_casadi._util.resolvent import response
 from avc_casadi.model.runtime import StateFeedback
 
 Matrix = NDArray[Any]
 """Matrices along the last two axes."""
 Values = float | FloatArray
 """One number, or one for each law."""
-_FEW_STATES = 16
-"""Up to so many states a transfer is quicker by solving each pencil; observers and usual filters have fewer."""
 
 
 @dataclass(frozen=True)
@@ -306,34 +304,8 @@ class Law:
         through = linear.d[..., 0, measured]
         if not self.states:
             return np.broadcast_to(through, np.broadcast_shapes(np.shape(z), linear.shape)).astype(np.complex128)
-        column = linear.b[..., measured : measured + 1]
-        if self.states > _FEW_STATES:
-            return self._transfer_of_many_states(np.asarray(z), column) + through
-        pencil = np.asarray(z)[..., None, None] * np.eye(self.states) - linear.a
-        inputs = np.broadcast_to(column, (*pencil.shape[:-1], 1)).astype(np.complex128)
-        states = np.linalg.solve(pencil, inputs)[..., 0]
-        return np.asarray((linear.c[..., 0, :] * states).sum(axis=-1) + through)
-
-    def _transfer_of_many_states(self, z: ComplexArray, column: FloatArray) -> ComplexArray:
-        """Return C (z - A)^-1 B of one column of B, by back substitution: with A = U R U^H, R upper triangular.
-
-        The states q = U^H s follow from the last one up: (z - r_ii) q_i = (U^H B)_i + sum of r_ij q_j over j > i. For
-        the 48 states of a long window that is 15 times as quick as a solution of each pencil.
-        """
-        linear, laws = self.linear, self.shape
-        forms = [schur(matrix, output="complex") for matrix in linear.a.reshape(-1, self.states, self.states)]
-        upper = np.array([form for form, _ in forms]).reshape(linear.a.shape)
-        basis = np.array([vectors for _, vectors in forms]).reshape(linear.a.shape)
-        inputs = (np.conj(np.swapaxes(basis, -1, -2)) @ column)[..., 0]
-        outputs = (linear.c[..., :1, :] @ basis)[..., 0, :]
-        shape = np.broadcast_shapes(z.shape, laws)
-        states = np.zeros((self.states, *shape), dtype=np.complex128)
-        for row in range(self.states - 1, -1, -1):
-            driven = np.broadcast_to(inputs[..., row], shape).copy()
-            for later in range(row + 1, self.states):
-                driven += upper[..., row, later] * states[later]
-            states[row] = driven / (z - upper[..., row, row])
-        return np.asarray(sum(outputs[..., row] * states[row] for row in range(self.states)))
+        of_states = response(np.asarray(z), linear.a, linear.b[..., measured], linear.c[..., :1, :])[0]
+        return np.asarray(of_states + through)
 
     def noise_gain(self) -> float:
         """Return the rms of the force over that of white noise of the position: the root of the sum of h_n^2.

@@ -61,6 +61,23 @@ def test_a_table_of_k_and_b_alone_is_the_plain_law():
     assert "intervals" not in plain.document()
 
 
+def test_a_window_is_stable_at_every_count_of_its_interval_and_not_at_the_next():
+    hand = (0.05, 1.0, 50.0)
+    names = ("mass_kg", "damping_ns_per_m", "stiffness_n_per_m")
+    held = {name: [value, value] for name, value in zip(names, hand, strict=True)}
+    law = {"stiffness_n_per_m": 900.0, "damping_ns_per_m": 6.0, "velocity": {"kind": "window", "samples": 3}}
+    found = avc.certify_law({"device": DEVICE, "hands": held, "law": law})
+    (low, high) = found.intervals["velocity.samples"]
+    assert low == 1
+    assert 8 < high < 30
+    unstable = [
+        samples
+        for samples in range(1, int(high) + 2)
+        if worst(found.problem, found.law.with_number(("velocity", "samples"), samples), hand, False) >= 1
+    ]
+    assert unstable == [high + 1]
+
+
 def system(dt=1e-3, **matrices):
     """k + b (1 - 1/z)/T as a state space with the attributes of python-control and SciPy."""
     k, b, period = 900.0, 4.0, 1e-3

@@ -44,6 +44,18 @@ def test_a_spring_damper_is_its_formula_in_z():
     np.testing.assert_allclose(rows.transfer(Z[:, None])[:, 1], expected, rtol=1e-12)
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_a_transfer_is_that_of_the_whole_pencil(seed):
+    chain = Law.fraction([1.0, *[0.0] * 6, -1.0], [1.0, *[0.0] * 7], PERIOD_S)
+    law = random_law(seed, 4).then(chain).then(Law.low_pass(0.7, PERIOD_S)) + random_law(seed + 10, 2).then(chain)
+    factors = np.array([0.5, -2.0, 3.0])
+    pencil = Z[:, None, None] * np.eye(law.states) - law.a
+    states = np.linalg.solve(pencil, np.broadcast_to(law.b, (len(Z), law.states, 1)).astype(complex))
+    expected = (law.c @ states)[:, 0, 0] + law.d[0, 0]
+    np.testing.assert_allclose(law.transfer(Z), expected, rtol=1e-10)
+    np.testing.assert_allclose(law.times(factors).transfer(Z[:, None]), expected[:, None] * factors, rtol=1e-10)
+
+
 @pytest.mark.parametrize(
     "slopes", [{}, {"dead_zone": 0.3}, {"force_limit": 0.4}, {"dead_zone": 0.2, "force_limit": 0.7}]
 )
