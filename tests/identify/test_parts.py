@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from measured_device import Truth, measured, multisine
+from scipy import signal
 
 from avc_casadi.identification.fit import Block, Fit, bootstrap, cross_validation
 from avc_casadi.identification.log import Record, lattice_step
@@ -103,6 +104,24 @@ def test_regression_starts_near_the_device():
     assert start.values["mass_kg"] == pytest.approx(0.2, rel=0.05)
     assert start.values["damping_ns_per_m"] == pytest.approx(3.0, rel=0.1)
     assert start.values["delay_samples"] == pytest.approx(1.5, abs=0.3)
+
+
+@pytest.mark.parametrize("stiffness", [5.0, 50.0, 500.0, 2000.0])
+def test_a_start_explains_as_much_of_the_force_as_it_says(stiffness):
+    random, step_s = np.random.default_rng(3), 1e-3
+    system = [np.array(part) for part in ([[0, 1], [-stiffness / 0.1, -10.0]], [[0], [10.0]], [[1, 0]], [[0]])]
+    system = signal.cont2discrete(system, step_s)
+    force = multisine(random, 8.0, step_s, 1.0, 60.0, 2.0)
+    position = signal.dlsim((*system[:4], step_s), force)[1][:, 0]
+    start = Motion([Record("log", step_s, position, force)], 1).start()
+    velocity = np.gradient(position, step_s)
+    of = {"mass_kg": np.gradient(velocity, step_s), "damping_ns_per_m": velocity, "stiffness_n_per_m": position}
+    explained = sum(start.values.get(key, 0.0) * motion for key, motion in of.items())
+    explained = explained + start.values["coulomb_friction_n"] * np.sign(velocity)
+    # The force of a hold acts half a sample later.
+    acting = force - np.gradient(force) / 2
+    share = 1 - np.var((acting - explained)[500:-500]) / np.var(acting[500:-500])
+    assert start.r_squared == pytest.approx(share, abs=0.05)
 
 
 ROUNDED = {
