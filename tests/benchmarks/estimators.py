@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from run_step import run_step
 from script_arguments import script_arguments
-from studied import table
+from studied import about, made_by, table
 
 from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi.simulation.runtime.estimators import ESTIMATORS, estimator_step
@@ -114,8 +114,10 @@ def main() -> None:
     rows = [row(method) for method in ESTIMATORS]
     text = f"""# Estimators of the interaction frequency
 
-Made by `python tests/benchmarks/estimators.py`. T = 1 ms, a tone of 1 mm, backward difference of the position; the
-worst of six phases, errors as shares of the true frequency.
+{made_by(about("python tests/benchmarks/estimators.py", 0))}
+
+T = 1 ms, a tone of 1 mm, backward difference of the position; the worst of six phases, errors as shares of the true
+frequency.
 
 {table(rows[0], (one.values() for one in rows))}
 

@@ -5,7 +5,7 @@ python tests/benchmarks/questions.py --write
 Each case states a question as files and options. The simulation shares no code with the project: one sample of a
 device, or one step of an engine, is a function of its state, written from the physics; the poles of its linear map give
 stability, damping ratio and, by bisection, limits. What a question leaves out (a sample time, an inertia) is assumed.
-With --write the rows of RESULTS_questions.md are made anew.
+With --write the rows of RESULTS_questions.md are made anew, and the line that says with what.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import argparse
 import io
 import json
 import math
+import re
 import tempfile
 from collections.abc import Callable, Sequence
 from contextlib import chdir, redirect_stderr, redirect_stdout
@@ -22,10 +23,12 @@ from typing import Any
 
 import numpy as np
 from scipy.linalg import expm
+from studied import about, made_by
 
 from avc_casadi.cli import main as avc
 
 PAGE = Path(__file__).parent / "RESULTS_questions.md"
+COMMAND = "python tests/benchmarks/questions.py --write"
 State = Sequence[float]
 Answers = Sequence[dict[str, Any]]
 Pairs = list[tuple[Any, Any]]
@@ -254,8 +257,9 @@ def main() -> None:
         rows.append(f"| [{question}]({address}) | {stated} | {answer} | {'right' if agree else 'WRONG'} |")
         print(rows[-1], *(f"{one!s:.9} {own!s:.9}" for one, own in pairs), sep="\n    ", flush=True)
     if write:
-        head = PAGE.read_text(encoding="utf-8").partition("| --- |")
-        PAGE.write_text(f"{head[0]}| --- | --- | --- | --- |\n" + "\n".join(rows) + "\n", encoding="utf-8")
+        before, _, _ = PAGE.read_text(encoding="utf-8").rpartition("| --- | --- | --- | --- |")
+        before = re.sub("^Made by .*$", made_by(about(COMMAND, 0)), before, count=1, flags=re.MULTILINE)
+        PAGE.write_text(f"{before}| --- | --- | --- | --- |\n" + "\n".join(rows) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -1,13 +1,14 @@
-"""Write the keys of problem files and the levels of a certificate into the pages; meanings stay as written there.
+"""Write the keys of problem files, the levels of a certificate and the age of each study into the pages.
 
 python tests/benchmarks/write_documents.py
 
-Overwrites problems/README.md and avc_casadi/claims/README.md, and in them nothing but what stands between
-`<!-- keys: NAME -->` and `<!-- end -->`.
+Meanings of keys stay as written there. Overwrites problems/README.md, avc_casadi/claims/README.md and README.md beside
+this file, and in them nothing but what stands between `<!-- keys: NAME -->` and `<!-- end -->`.
 """
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -170,8 +171,42 @@ def levels_table() -> str:
 
 
 ROOT = Path(__file__).parents[2]
-PAGES = {"problem": ROOT / "problems" / "README.md", "levels": ROOT / "avc_casadi" / "claims" / "README.md"}
-WRITERS = {"problem": key_tables, "levels": levels_table}
+STUDIES = ROOT / "tests" / "benchmarks"
+_EARLIER = {
+    "0.2.0": {"e0094ee5", "25f7cfa"},
+    "0.3.0": {"febdb0ac", "c2d6e515", "c5657f9e", "bb4f3d5e", "00b8b9e2", "8307d924", "0b71ddcc", "26f62a77"},
+}
+"""Commits of the package with which earlier releases were measured: a version alone does not say on which side."""
+_MADE_BY = re.compile(r"^Made by `([^`]+)`(?:.*?package as of commit (\w+))?", re.MULTILINE)
+
+
+def studies_table() -> str:
+    """The command of each study, and the commit of the package that it measured, as its page or results file states."""
+    rows, commands = [], set[str]()
+    for page in sorted(STUDIES.glob("RESULTS_*.md")):
+        for command, commit in _MADE_BY.findall(page.read_text(encoding="utf-8")) or [("", "")]:
+            rows.append((f"[{page.stem.removeprefix('RESULTS_')}]({page.name})", command, commit))
+            commands.add(command)
+    for results in sorted((STUDIES / "results").glob("*.json")):
+        made_by = json.loads(results.read_text(encoding="utf-8"))["about"]
+        if made_by["command"] not in commands:
+            rows.append((f"[{results.stem}](results/{results.name})", made_by["command"], made_by["commit"]))
+    release_of = {commit: release for release, commits in _EARLIER.items() for commit in commits}
+    head = ("study", "command", "package as of commit", "rules of release")
+    return table(head, [_study_row(*study, release_of.get(study[-1], "0.4.0")) for study in rows])
+
+
+def _study_row(study: str, command: str, commit: str, release: str) -> tuple[str, ...]:
+    """A row of the table; some pages state neither command nor commit."""
+    return study, f"`{command}`" if command else "on its page", commit or "not stated", release if commit else "-"
+
+
+PAGES = {
+    "problem": ROOT / "problems" / "README.md",
+    "levels": ROOT / "avc_casadi" / "claims" / "README.md",
+    "studies": STUDIES / "README.md",
+}
+WRITERS = {"problem": key_tables, "levels": levels_table, "studies": studies_table}
 
 
 def written(name: str) -> str:
