@@ -83,7 +83,11 @@ class VelocityResponse:
 
     def sound(self, law: Law, limit: float = _SOUND_ROUGHLY) -> BoolArray:
         """Return which of n laws are stable with a disk margin of at least a limit."""
-        return np.asarray((self.radii(law) < 1) & (self.disk_margins(law) >= limit))
+        sound = self.stable(law)
+        stable = np.flatnonzero(sound)
+        if stable.size:
+            sound[stable] = self.disk_margins(law.pick(stable)) >= limit
+        return sound
 
     def stable(self, law: Law) -> BoolArray:
         """Return which of n laws are stable."""

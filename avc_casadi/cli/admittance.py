@@ -20,10 +20,13 @@ _OF_FORCES = f"is an option of devices that are commanded a force; an admittance
 
 def checked(source: str) -> Answer:
     """Return the answer of `check`."""
+    from avc_casadi.recommendation.admittance import why_no_law
+
     problem = load_sensor_problem(source)
     if isinstance(problem, avc.ForceFeedbackProblem):
         return rows.force_feedback.checked(problem, source)
-    return rows.admittance.checked(problem, rows.admittance.doubts_of(problem), source)
+    refused = why_no_law(problem)
+    return rows.admittance.checked(problem, rows.admittance.doubts_of(problem), source, refused)
 
 
 def certified(args: argparse.Namespace, console: Console) -> Answer:

@@ -15,8 +15,8 @@ _STEPS = 25
 _SETTLED = 1e-9
 """Share of the range of the position up to which an edge moves no more."""
 
-_LEAST_SIDE_SHARE = 0.02
-"""Share of the samples that lie beyond either edge at least."""
+_FEWEST_ON_A_SIDE = 6
+"""Samples that lie beyond either edge at least; a device that soon rests leaves most of a log on one side."""
 
 
 def outside(position: FloatArray, edges: tuple[float, float]) -> FloatArray:
@@ -40,7 +40,7 @@ def dead_zone(force: FloatArray, position: FloatArray, change: FloatArray) -> tu
         residual = float("inf")
         for _ in range(_STEPS):
             above, below = position > high, position < low
-            if min(above.mean(), below.mean()) < _LEAST_SIDE_SHARE:
+            if min(np.count_nonzero(above), np.count_nonzero(below)) < _FEWEST_ON_A_SIDE:
                 break
             columns = np.stack([outside(position, (low, high)), change, above, below], axis=1)
             size = np.maximum(np.abs(columns).max(axis=0), 1e-300)

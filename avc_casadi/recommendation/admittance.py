@@ -49,6 +49,10 @@ _BISECTIONS = 10
 _SEARCHES = 5
 # What a search refuses is set back by this share of its margin.
 _BACK_OFF = 1.02
+_FIRST_LIMIT = SOUND_DISK * _BACK_OFF
+"""Disk margin of the first law at the corners of the ranges."""
+_ANY_LAW = VirtualImpedance(mass_kg=1.0, damping_ns_per_m=1.0)
+"""What stands for the law of a file that states none: neither a spring nor a low pass."""
 _OTHER_STAGES = 3
 """Stages of a usual recommendation besides low passes and changes: a search, the law of the file, the certificate."""
 _CHANGES = {
@@ -59,6 +63,13 @@ _CHANGES = {
     "handle_mass_kg": 0.5,
 }
 """Changes of a device whose effect is reported."""
+
+
+NO_SOUND_LAW = (
+    f"no virtual mass and damping has a disk margin of {SOUND_DISK} with every hand and contact, and keeps the handle "
+    "at rest in spite of the sensor's noise and steps"
+)
+"""Why no law is recommended."""
 
 
 @dataclass(frozen=True)
@@ -110,12 +121,7 @@ class AdmittanceRecommendation(Printed):
     @property
     def reason(self) -> str:
         """What decides, in one line."""
-        if self.certificate is None:
-            return (
-                f"no virtual mass and damping has a disk margin of {SOUND_DISK} with every hand and contact, and "
-                "keeps the handle at rest in spite of the sensor's noise and steps"
-            )
-        return self.certificate.reason
+        return NO_SOUND_LAW if self.certificate is None else self.certificate.reason
 
     def __repr__(self) -> str:
         return f"AdmittanceRecommendation({self.reason})"
@@ -164,9 +170,8 @@ class _Choice(MassSpans):
 
     def best(self, limit: float) -> VirtualImpedance | None:
         """Return the law of least effort that has a disk margin and rests; None where there is none."""
-        dampings = self.scales.dampings_ns_per_m[::_COARSE]
-        chosen = self._best_of(dampings, limit)
-        ratio = dampings[1] / dampings[0]
+        chosen = self._best_of(self._first_dampings, limit)
+        ratio = self._first_dampings[1] / self._first_dampings[0]
         while chosen is not None and ratio > _FELT_RATIO:
             damping = chosen.damping_ns_per_m
             finer = self._best_of(damping * ratio ** np.linspace(-1.0, 1.0, _FINE), limit)
@@ -174,18 +179,29 @@ class _Choice(MassSpans):
             ratio = ratio ** (2.0 / (_FINE - 1))
         return chosen
 
+    def exists(self, limit: float) -> bool:
+        """Return whether `best` has a law: one of the dampings of its first look has a sound mass that rests."""
+        dampings = self._first_dampings[::-1].tolist()
+        return any(self._lightest(damping, limit, math.inf) is not None for damping in dampings)
+
+    @property
+    def _first_dampings(self) -> FloatArray:
+        return self.scales.dampings_ns_per_m[::_COARSE]
+
     def _best_of(self, dampings: FloatArray, limit: float) -> VirtualImpedance | None:
         best, least = None, math.inf
         for damping in dampings.tolist():
             if damping > least:
                 break
-            span = self.masses(damping, limit)
-            if math.isnan(span.low):
-                continue
-            law = self._lightest_at_rest(damping, span, least)
+            law = self._lightest(damping, limit, least)
             if law is not None and effort_ns_per_m(law) < least:
                 best, least = law, effort_ns_per_m(law)
         return best
+
+    def _lightest(self, damping_ns_per_m: float, limit: float, most_effort: float) -> VirtualImpedance | None:
+        """Return the law of the lightest sound mass at a damping that rests; None where there is none."""
+        span = self.masses(damping_ns_per_m, limit)
+        return None if math.isnan(span.low) else self._lightest_at_rest(damping_ns_per_m, span, most_effort)
 
     def _lightest_at_rest(self, damping_ns_per_m: float, span: Span, most_effort: float) -> VirtualImpedance | None:
         """Return the law of the lightest mass of a span that the sensor alone does not move; None where all move.
@@ -245,9 +261,9 @@ def recommend_admittance(problem: AnyAdmittance, progress: Progress = SILENT) ->
     """
     stated = as_admittance(problem)
     own = stated.law.admittance if stated.law else None
-    base = own or VirtualImpedance(mass_kg=1.0, damping_ns_per_m=1.0)
+    base = own or _ANY_LAW
     analysis = HandleAnalysis(stated)
-    law, limit = None, SOUND_DISK * _BACK_OFF
+    law, limit = None, _FIRST_LIMIT
     cutoffs = _cutoffs(base, stated)
     stages = Stages(progress, len(cutoffs) + _OTHER_STAGES + len(_CHANGES))
     for _ in range(_SEARCHES):
@@ -277,6 +293,18 @@ def recommend_admittance(problem: AnyAdmittance, progress: Progress = SILENT) ->
         least_damping_ns_per_m=least_damping,
         helps=tuple(_better_devices(analysis, law, limit, stages)),
     )
+
+
+def why_no_law(problem: AdmittanceProblem) -> str:
+    """Return why no law is recommended, as the corners of the ranges show it at once; empty where one may be."""
+    base = problem.law.admittance if problem.law and problem.law.admittance else _ANY_LAW
+    analysis = HandleAnalysis(problem)
+    # A low pass takes the sensor's noise away: the lowest one is the likeliest to have a law.
+    for cutoff_hz in reversed(_cutoffs(base, problem)):
+        choice = _Choice.of(analysis, base.model_copy(update={"cutoff_hz": cutoff_hz}))
+        if choice.exists(_FIRST_LIMIT):
+            return ""
+    return NO_SOUND_LAW
 
 
 def _cutoffs(base: VirtualImpedance, problem: AdmittanceProblem) -> tuple[float | None, ...]:

@@ -22,11 +22,14 @@ from avc_casadi.files.problem_file import AnyProblem
 from avc_casadi.loops.joint import JointFamily, JointGains
 from avc_casadi.model.joint import Joint
 from avc_casadi.model.problem import Problem
+from avc_casadi.recommendation.reasons import NoJointGains
 
 DAMPING_RATIO = 0.7
 """Damping ratio of a joint that hardly overshoots, by 5 %."""
 DISK_MARGIN = 0.3
 """Disk margin of a recommended joint: a factor of 1.35 on all forces, or a phase of 17 degrees."""
+NO_JOINT_GAINS = NoJointGains(DAMPING_RATIO, DISK_MARGIN)
+"""Why no kp is recommended."""
 # Natural frequencies of the values of kp that are tried, in radians a step: up to half the step rate.
 _SLOWEST_RAD = 1e-3
 _FASTEST_RAD = math.pi

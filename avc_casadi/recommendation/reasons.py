@@ -90,6 +90,19 @@ class UnstableEngine(Reason):
 
 
 @dataclass(frozen=True)
+class NoJointGains(Reason):
+    """No kp of a joint is well damped and robust over its ranges.
+
+    Attributes:
+        damping_ratio: the least damping ratio that is required.
+        disk_margin: the least disk margin that is required.
+    """
+
+    damping_ratio: float
+    disk_margin: float
+
+
+@dataclass(frozen=True)
 class NoPairStable(Reason):
     """No spring and damper is stable with every hand, released, tool and contact."""
 

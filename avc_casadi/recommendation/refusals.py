@@ -22,8 +22,10 @@ from avc_casadi.loops.plant_family import PlantFamily
 from avc_casadi.loops.walls import stiffest_wall
 from avc_casadi.model.ends import End, Follower, Simulation, Wall
 from avc_casadi.model.hands import hand_corners
+from avc_casadi.model.joint import Joint
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.scene import Motion, Press
+from avc_casadi.recommendation.joint import NO_JOINT_GAINS, recommend_joint
 from avc_casadi.recommendation.preconditions import why_infeasible
 from avc_casadi.recommendation.reasons import (
     NoMass,
@@ -66,6 +68,11 @@ def _refusal_of_simulation(tool: Simulation, problem: Problem) -> Reason | None:
 @refusal.register
 def _refusal_of_follower(follower: Follower, problem: Problem) -> Reason | None:
     return _unstable(search_of(follower, problem), follower)
+
+
+@refusal.register
+def _refusal_of_joint(joint: Joint, problem: Problem) -> Reason | None:  # noqa: ARG001
+    return NO_JOINT_GAINS if recommend_joint(problem).stiffest is None else None
 
 
 def unstable_engine(tool: Simulation) -> UnstableEngine:

@@ -32,6 +32,14 @@ SEED = 9106
 _CHECKED_S = 2.0
 
 _GRIP = {"mass_kg": [0.05, 0.3], "damping_ns_per_m": [3.0, 20.0], "stiffness_n_per_m": [200.0, 800.0]}
+_STYLUS = {
+    "mass_kg": 0.12,
+    "damping_ns_per_m": 0.8,
+    "delay_samples": 1,
+    "encoder_resolution_m": 2e-5,
+    "max_force_n": 8.0,
+    "sample_time_s": 0.001,
+}
 BASES: dict[str, dict[str, dict[str, Any]]] = {
     "stylus": {
         "device": {
@@ -74,15 +82,74 @@ BASES: dict[str, dict[str, dict[str, Any]]] = {
         "environment": {"stiffness_n_per_m": 4000.0, "damping_ns_per_m": 100.0},
     },
     "engine": {
-        "device": {
-            "mass_kg": 0.12,
-            "damping_ns_per_m": 0.8,
-            "delay_samples": 1,
-            "encoder_resolution_m": 2e-5,
-            "max_force_n": 8.0,
-            "sample_time_s": 0.001,
-        },
+        "device": _STYLUS,
         "simulation": {"step_s": 0.002, "tool_mass_kg": 0.2},
+    },
+    "game wheel": {
+        "device": {
+            "motion": "rotary",
+            "handle_radius_m": 0.15,
+            "inertia_kgm2": 0.03,
+            "damping_nms_per_rad": 0.02,
+            "delay_samples": 1,
+            "max_torque_nm": 8.0,
+        },
+        "simulation": {"step_s": 0.016, "exchange": "held-force", "steps_late": 1, "stiffness_nm_per_rad": 3.0},
+    },
+    "follower": {
+        "device": _STYLUS,
+        "follower": {"mass_kg": 0.3, "damping_ns_per_m": 1.0, "delay_samples": 1, "delay_s": 0.005},
+    },
+    "joint": {
+        "simulation": {
+            "tool_inertia_kgm2": [0.003, 0.01],
+            "tool_damping_nms_per_rad": 0.01,
+            "step_s": 0.005,
+            "integrator": "implicit-damping",
+        },
+    },
+    "own law": {
+        "device": _STYLUS,
+        "environment": {"stiffness_n_per_m": 2000.0, "damping_ns_per_m": 20.0},
+        "law": {"stiffness_n_per_m": 300.0, "damping_ns_per_m": 3.0, "integral_n_per_m_s": 50.0},
+    },
+    "guided arm": {
+        "device": {
+            "drive": "velocity",
+            "drive_bandwidth_hz": 15.0,
+            "sample_time_s": 0.002,
+            "delay_samples": 2,
+            "max_speed_m_per_s": 0.5,
+        },
+        "device.force_sensor": {
+            "stiffness_n_per_m": 1e6,
+            "damping_ratio": 0.02,
+            "handle_mass_kg": 1.0,
+            "noise_rms_n": 0.2,
+            "resolution_n": 0.05,
+            "max_force_n": 200.0,
+        },
+        "law": {"admittance": {"mass_kg": 12.0, "damping_ns_per_m": 300.0, "cutoff_hz": 40.0}},
+        "hands": {"mass_kg": [0.5, 2.0], "damping_ns_per_m": [10.0, 40.0], "stiffness_n_per_m": [100.0, 1000.0]},
+        "contact": {"stiffness_n_per_m": [0.0, 5e3], "damping_ns_per_m": 5.0},
+    },
+    "lightened rail": {
+        "device": {
+            "drive": "force",
+            "mass_kg": 4.0,
+            "damping_ns_per_m": 8.0,
+            "sample_time_s": 0.0005,
+            "delay_samples": 1,
+            "amplifier_bandwidth_hz": 1000.0,
+        },
+        "device.force_sensor": {
+            "stiffness_n_per_m": 2e4,
+            "damping_ratio": 0.2,
+            "handle_mass_kg": 0.3,
+            "noise_rms_n": 0.05,
+            "resolution_n": 0.01,
+        },
+        "law": {"force_feedback": {"gain": 1.0, "cutoff_hz": 200.0}, "damping_ns_per_m": 20.0},
     },
 }
 _TEXTS = ("fast", "1 kHz", "12 V", "nan", "-")
@@ -91,15 +158,18 @@ _TEXTS = ("fast", "1 kHz", "12 V", "nan", "-")
 def drawn(index: int) -> dict[str, dict[str, Any]]:
     """Return a problem with one or two values changed: far off, absent, misspelt, of another type, or no number."""
     random = np.random.default_rng([SEED, index])
-    base = copy.deepcopy(BASES[str(random.choice(list(BASES)))])
+    base = copy.deepcopy(list(BASES.values())[index % len(BASES)])
     for _ in range(int(random.integers(1, 3))):
         table_name = str(random.choice(list(base)))
-        keys = [key for key, value in base[table_name].items() if not isinstance(value, str)]
+        values = base[table_name]
+        inner = [value for value in values.values() if isinstance(value, dict)]
+        # An inline table is changed inside.
+        values = inner[0] if inner else values
+        keys = [key for key, value in values.items() if not isinstance(value, str)]
         if not keys:
             continue
         key = str(random.choice(keys))
-        value = base[table_name][key]
-        _change(base[table_name], key, value, random)
+        _change(values, key, values[key], random)
     return base
 
 
@@ -128,7 +198,11 @@ def text_of(problem: dict[str, dict[str, Any]]) -> str:
     """Return a problem as TOML."""
     lines = []
     for name, values in problem.items():
-        lines += [f"[{name}]", *(f"{key} = {toml_value(value)}" for key, value in values.items())]
+        lines.append(f"[{name}]")
+        for key, value in values.items():
+            numbers = value.items() if isinstance(value, dict) else ()
+            inline = ", ".join(f"{inner} = {toml_value(number)}" for inner, number in numbers)
+            lines.append(f"{key} = {{ {inline} }}" if numbers else f"{key} = {toml_value(value)}")
     return "\n".join(lines) + "\n"
 
 
@@ -153,17 +227,33 @@ def judged(index: int) -> dict[str, Any]:
         file = Path(folder) / "drawn.toml"
         file.write_text(text_of(problem), encoding="utf-8")
         checked, complaint, checked_s = _said(["check", str(file)])
-        recommended, refused, recommended_s = _said(["recommend", str(file), "--hands", "16"])
+        recommended, refused, recommended_s = _said(_command(problem, file))
     return {
         "file": problem,
         "valid": checked is not None,
-        "check": complaint if checked is None else checked["refused"],
-        "check_refuses": checked is None or bool(checked["refused"]),
+        "check": complaint if checked is None else checked.get("refused", ""),
+        "check_refuses": checked is None or bool(checked.get("refused")),
         "check_s": round(checked_s, 2),
-        "recommend": refused if recommended is None else recommended["reason"],
-        "recommend_refuses": recommended is None or not recommended["deployable"],
+        "recommend": refused if recommended is None else recommended.get("reason", ""),
+        "recommend_refuses": _refused(recommended),
         "recommend_s": round(recommended_s, 2),
     }
+
+
+def _command(problem: dict[str, dict[str, Any]], file: Path) -> list[str]:
+    """Return the verb that uses a file, which is certify where the file has force feedback: its law is stated."""
+    if "force_feedback" in problem.get("law", {}):
+        return ["certify", str(file)]
+    return ["recommend", str(file), "--hands", "16"]
+
+
+def _refused(answer: dict[str, Any] | None) -> bool:
+    """Return whether a verb gives nothing to deploy; of a stated law any verdict is an answer."""
+    if answer is None:
+        return True
+    if answer["kind"].startswith("certify"):
+        return False
+    return not answer["stiffest"] if answer["kind"] == "recommend-joint" else not answer["deployable"]
 
 
 _TEXT = """# Bad and odd files: does check say whatever recommend refuses?

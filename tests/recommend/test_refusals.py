@@ -109,3 +109,51 @@ def test_what_is_refused_is_what_no_press_reaches(index: int) -> None:
     force = pressed(0.1, hand, 0.0, wall)
     for share in (0.9, 1.1):
         assert (no_press_renders(problem(0.0, force / 0.97 / share)) is not None) is (share > 1)
+
+
+ARM = """
+[device]
+drive = "velocity"
+drive_bandwidth_hz = 15.0
+sample_time_s = 0.002
+delay_samples = 2
+[device.force_sensor]
+stiffness_n_per_m = 1e6
+handle_mass_kg = 1.0
+noise_rms_n = {noise}
+[law]
+admittance = {{ mass_kg = 12.0, damping_ns_per_m = 300.0, cutoff_hz = 40.0 }}
+[hands]
+mass_kg = [0.5, 2.0]
+damping_ns_per_m = [{least_damping}, {most_damping}]
+stiffness_n_per_m = [100.0, 1000.0]
+"""
+
+
+@pytest.mark.parametrize(("noise", "most_damping"), [(150.0, 40.0), (0.2, 4e5)])
+def test_check_and_recommend_refuse_an_arm_that_noise_moves_or_a_hand_destabilises(
+    noise: float, most_damping: float, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = ARM.format(noise=noise, least_damping=0.0, most_damping=most_damping)
+    reason = "no virtual mass and damping has a disk margin of 0.2"
+    assert reason in said(text, tmp_path, capsys, "check")
+    assert reason in said(text, tmp_path, capsys, "recommend")
+
+
+def test_an_arm_that_a_law_suits_is_not_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text = ARM.format(noise=0.2, least_damping=10.0, most_damping=40.0)
+    assert "no virtual mass" not in said(text, tmp_path, capsys, "check")
+
+
+@pytest.mark.parametrize(("contact", "refused"), [(1e5, True), (10.0, False)])
+def test_check_refuses_a_joint_whose_contact_is_unstable_in_its_engine(
+    contact: float, refused: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # Semi-implicit steps of 5 ms of 3 g m2 are stable up to 4 J/dt^2 = 480 N.m/rad.
+    joint = (
+        '[simulation]\ntool_inertia_kgm2 = 0.003\nstep_s = 0.005\nintegrator = "semi-implicit"\n'
+        f"contact_stiffness_nm_per_rad = [0.0, {contact}]\n"
+    )
+    reason = "no kp has a damping ratio of 0.7"
+    assert (reason in said(joint, tmp_path, capsys, "check")) is refused
+    assert (reason in said(joint, tmp_path, capsys, "recommend")) is refused

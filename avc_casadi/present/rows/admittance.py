@@ -86,8 +86,8 @@ def law_line(law: VirtualImpedance) -> tuple[Part, ...]:
     return commas([("virtual mass", mass), ("damping", damping), spring, low_pass])
 
 
-def checked(problem: AdmittanceProblem, doubts: tuple[str, ...], shown: str) -> Answer:
-    """Return the answer of `check` of an admittance device."""
+def checked(problem: AdmittanceProblem, doubts: tuple[str, ...], shown: str, refused: str) -> Answer:
+    """Return the answer of `check` of an admittance device; `refused` is why no law is recommended, if none is."""
     law, sensor = problem.law, problem.device.force_sensor
     handle = ("handle", Value(sensor.handle_mass_kg, "mass"), ", noise", Value(sensor.noise_rms_n, "force"), "rms")
     swing_hz = math.sqrt(sensor.stiffness_n_per_m / sensor.handle_mass_kg) / (2 * math.pi)
@@ -98,12 +98,23 @@ def checked(problem: AdmittanceProblem, doubts: tuple[str, ...], shown: str) -> 
         *end_rows(problem),
         *subject.notes(doubts, "Warning"),
     ]
+    if refused:
+        label, mark = ("No better law", Mark.CAUTION) if law else ("Not deployable", Mark.FAIL)
+        rows.append(row(label, refused, mark=mark))
     if problem.source:
         rows.append(row("Source", problem.source, rank=1))
-    verb = "certify" if law else "recommend"
-    data = {"problem": problem.name, "tables": problem.model_dump(mode="json", exclude_none=True), "doubts": [*doubts]}
+    onwards = [f"avc recommend {quote(shown)}"] if not refused else []
+    if law:
+        onwards = [f"avc certify {quote(shown)}"]
+    data = {
+        "valid": True,
+        "problem": problem.name,
+        "tables": problem.model_dump(mode="json", exclude_none=True),
+        "doubts": [*doubts],
+        "refused": refused,
+    }
     title = parts(shown, device_line(problem.device))
-    return Answer("check", plain(data), title, tuple(rows), (f"avc {verb} {quote(shown)}",), problem.units)
+    return Answer("check", plain(data), title, tuple(rows), tuple(onwards), problem.units)
 
 
 def doubts_of(problem: AdmittanceProblem) -> tuple[str, ...]:

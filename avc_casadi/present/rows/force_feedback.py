@@ -39,7 +39,8 @@ def checked(problem: ForceFeedbackProblem, shown: str) -> Answer:
     ]
     if problem.source:
         rows.append(row("Source", problem.source, rank=1))
-    data = {"problem": problem.name, "tables": problem.model_dump(mode="json", exclude_none=True)}
+    tables = problem.model_dump(mode="json", exclude_none=True)
+    data = {"valid": True, "problem": problem.name, "tables": tables, "refused": ""}
     title = parts(shown, device_line(problem.device))
     return Answer("check", plain(data), title, tuple(rows), (f"avc certify {quote(shown)}",), problem.units)
 

@@ -16,7 +16,8 @@ from avc_casadi.model.ends import LIGHTEST_TOOL_KG, LONGEST_STEP_S
 from avc_casadi.model.problem import Problem
 from avc_casadi.present.row import Answer, Mark, Part, Row, Value, caution, commas, grade, parts, row, span
 from avc_casadi.present.rows import subject
-from avc_casadi.recommendation.joint import DAMPING_RATIO, DISK_MARGIN, JointDesign, JointRecommendation
+from avc_casadi.present.rows.reasons import sentence
+from avc_casadi.recommendation.joint import DAMPING_RATIO, NO_JOINT_GAINS, JointDesign, JointRecommendation
 
 
 def gains(stated: JointGains) -> tuple[Part, ...]:
@@ -155,8 +156,7 @@ def recommendation(result: JointRecommendation, shown: str = "") -> Answer:
 def _stiffest(result: JointRecommendation) -> Row:
     """Return the largest kp that is well damped and robust."""
     if result.stiffest is None:
-        required = f"a damping ratio of {DAMPING_RATIO} and a disk margin of {DISK_MARGIN}"
-        return row("Stiffest", f"no kp has {required}", mark=Mark.FAIL)
+        return row("Stiffest", sentence(NO_JOINT_GAINS, result.problem.units), mark=Mark.FAIL)
     more = None if result.limited else "; a larger kp is stable too, but its frequency exceeds half the step rate"
     return row("Stiffest", _design(result.stiffest), more, mark=Mark.PASS)
 

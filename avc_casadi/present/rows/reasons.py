@@ -70,6 +70,11 @@ def _unstable_engine(reason: reasons.UnstableEngine, units: Units) -> tuple[str,
 
 
 @clauses.register
+def _no_joint_gains(reason: reasons.NoJointGains, units: Units) -> tuple[str, ...]:  # noqa: ARG001
+    return (f"no kp has a damping ratio of {reason.damping_ratio:g} and a disk margin of {reason.disk_margin:g}",)
+
+
+@clauses.register
 def _no_pair_stable(reason: reasons.NoPairStable, units: Units) -> tuple[str, ...]:  # noqa: ARG001
     return ("no spring and damper is stable with every hand, released, tool and contact",)
 
