@@ -427,7 +427,7 @@ def _windows(log: Log, swing: Oscillation, grid: Grid) -> list[_Window]:
     cycles_s = max(_WINDOW_S, _WINDOW_CYCLES / swing.frequency_hz)
     size = int(min(cycles_s / period, _WINDOW_MOST, n - before))
     last = int(np.clip(swing.last - size, before, n - size))
-    first = int(np.clip(swing.first + round(2 / swing.frequency_hz / period), before, n - size))
+    first = int(np.clip(swing.first, before, n - size))
     begins = [last, first] if abs(first - last) > size // 3 else [last]
     speed = signal.savgol_filter(log.position_m, 5, 2, deriv=1)
     rub = np.tanh(speed / max(_SMOOTH_STEPS * log.encoder_m, 1e-3 * float(np.std(speed)), 1e-12))
