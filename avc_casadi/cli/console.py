@@ -58,6 +58,7 @@ class Console(Progress):
         self._part = ""
         self._first = 0  # done when the count began
         self._began = 0.0  # when it began
+        self._reached = 0.0  # when the last part that is done was
         descriptor = -1
         with suppress(OSError, ValueError, AttributeError):
             descriptor = sys.stdout.fileno()
@@ -164,7 +165,9 @@ class Console(Progress):
         longer = total == self._total + 1 and done >= self._done
         if done < self._done or not (total == self._total or longer):
             self._first = done
-            self._began = now
+            self._began = self._reached = now
+        if done > self._done:
+            self._reached = now
         self._total = total
         self._done = done
         self._part = part
@@ -176,14 +179,29 @@ class Console(Progress):
 
     def _counted(self, now: float) -> str:
         """Return what is done of the present step, and how long the rest takes at the same pace, if one is known."""
-        made, seconds = self._done - self._first, now - self._began
+        seconds = now - self._began
         pace = ""
         if seconds >= _ESTIMATED_AFTER_S:
-            pace = f"; {seconds:.0f} s so far"
-            if self._total and made > 0:
-                pace = f"; about {(self._total - self._done) * seconds / made:.0f} s left"
+            left_s = self._left_s(now)
+            pace = f"; {seconds:.0f} s so far" if left_s is None else f"; about {left_s:.0f} s left"
         of_total = f" of {self._total}" if self._total else ""
         return f"{self._step or self._work} ... {self._done}{of_total} {self._part}".rstrip() + pace
+
+    def _left_s(self, now: float) -> float | None:
+        """Return how long the rest of the present step takes, s; None where no pace is known.
+
+        Each part takes as long as the mean of those that are done, and the present one has begun. Where it takes longer
+        than that, it is nearly done and counts for the mean; of the last part nothing is known then.
+        """
+        made = self._done - self._first
+        if not self._total or made <= 0:
+            return None
+        mean_s = (self._reached - self._began) / made
+        present_s = now - self._reached
+        others = self._total - self._done - 1
+        if present_s <= mean_s:
+            return (others + 1) * mean_s - present_s
+        return others * (now - self._began) / (made + 1) if others > 0 else None
 
     def _show(self, line: str) -> None:
         """Overwrite the line of the present step on a terminal; Ctrl-C may have cut it anywhere."""

@@ -38,7 +38,7 @@ def test_before_the_first_part_is_done_a_wait_says_how_long_it_has_lasted(clock:
         assert line(console, clock) == "recommend ... 0 of 4 stiffest stable coupling; 7 s so far"
 
 
-def test_after_it_the_rest_takes_as_long_as_the_pace_says_also_while_nothing_is_reported(clock: Clock) -> None:
+def test_after_it_the_rest_takes_as_long_as_the_pace_says_less_what_the_present_part_has_taken(clock: Clock) -> None:
     console = Console(as_json=True)
     with console.step("recommend"):
         stages = Stages(console, 4)
@@ -49,8 +49,22 @@ def test_after_it_the_rest_takes_as_long_as_the_pace_says_also_while_nothing_is_
         clock.now_s += 6.0
         stages.begin("three")
         assert line(console, clock).endswith("2 of 4 three; about 12 s left")
+        clock.now_s += 5.0
+        assert line(console, clock).endswith("2 of 4 three; about 7 s left")
+
+
+def test_a_part_that_takes_longer_than_the_others_is_nearly_done_and_makes_the_pace_slower(clock: Clock) -> None:
+    console = Console(as_json=True)
+    with console.step("recommend"):
+        stages = Stages(console, 3)
+        stages.begin("one")
         clock.now_s += 6.0
-        assert line(console, clock).endswith("2 of 4 three; about 18 s left")
+        stages.begin("two")
+        clock.now_s += 8.0
+        assert line(console, clock).endswith("1 of 3 two; about 7 s left")
+        stages.begin("three")
+        clock.now_s += 30.0
+        assert line(console, clock).endswith("2 of 3 three; 44 s so far")
 
 
 def test_a_count_that_turns_out_longer_goes_on_and_a_new_one_begins_anew(clock: Clock) -> None:
