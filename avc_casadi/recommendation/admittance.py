@@ -301,7 +301,7 @@ def why_no_law(problem: AdmittanceProblem) -> str:
     analysis = HandleAnalysis(problem)
     # A low pass takes the sensor's noise away: the lowest one is the likeliest to have a law.
     for cutoff_hz in reversed(_cutoffs(base, problem)):
-        choice = _Choice.of(analysis, base.model_copy(update={"cutoff_hz": cutoff_hz}))
+        choice = _Choice.among(analysis, base.model_copy(update={"cutoff_hz": cutoff_hz}))
         if choice.exists(_FIRST_LIMIT):
             return ""
     return NO_SOUND_LAW
