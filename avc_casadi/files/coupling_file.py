@@ -22,6 +22,7 @@ from avc_casadi._util.units import LINEAR, ROTARY
 from avc_casadi.coupling import Coupling, TrialRecord, require_coupling, schedule_of, thinned
 from avc_casadi.files.border import in_keys_of
 from avc_casadi.files.catalogue import require_source
+from avc_casadi.files.kinds import require_coupling_text
 from avc_casadi.files.problem_file import AnyProblem, problem_document, require_device
 from avc_casadi.model import quantity as q
 from avc_casadi.model import table as t
@@ -309,6 +310,7 @@ def read_file(path: str | Path) -> Coupling | GainTable:
     if path.suffix.lower() == ".csv":
         return read_csv(path)
     text = read_text(path, MOST_BYTES, NEXT_STEP)
+    require_coupling_text(text, file)
     try:
         document = json.loads(text)
     except (ValueError, RecursionError) as error:  # ValueError: also an integer of more digits than Python reads

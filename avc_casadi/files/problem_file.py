@@ -22,6 +22,7 @@ from avc_casadi.files.catalogue import (
     require_source,
 )
 from avc_casadi.files.device_file import DeviceFile, with_device
+from avc_casadi.files.kinds import require_problem_text
 from avc_casadi.files.toml import KeyLines, tables_of, text_of, toml_lines
 from avc_casadi.model.ends import Wall
 from avc_casadi.model.joint import NoDevice
@@ -58,9 +59,7 @@ def load_problem(source: str | Path) -> Problem:
     path = admittance_names().get(str(source)) or _path_of(source)
     names = {file: name for name, file in catalogue_names().items()}
     text = text_of(path)
-    if text.lstrip().startswith(("{", "frequency_hz,")):
-        message = "is a coupling or gain file; allowed: a problem file (TOML). Use it with avc certify or avc export"
-        raise InputError.of(message, file=str(path))
+    require_problem_text(text, str(path))
     return parse_problem(text, file=str(source), name=names.get(path.resolve(), path.stem), folder=path.parent)
 
 

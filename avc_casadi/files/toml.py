@@ -28,7 +28,7 @@ def text_of(path: Path, next_step: str = NEXT_STEP) -> str:
 def tables_of(text: str, file: str) -> dict[str, Any]:
     """Parse TOML; a syntax error is reported with its line."""
     if not text.strip():
-        raise InputError.of("is empty; allowed: at least the tables [device] and [environment]", file=file)
+        raise InputError.of("is empty; allowed: at least the table [device]", file=file)
     # The parser's time grows with the square of a key's length: a file of dots would hang it.
     dots = r"""(?<![\w-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){32}"""
     long_key = re.search(dots, text, re.ASCII)

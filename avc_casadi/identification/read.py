@@ -131,10 +131,11 @@ def read_columns(path: str | Path, layout: Layout | None = None) -> Columns:
 def _columns(path: str | Path, layout: Layout) -> Columns:
     """Return the columns of a file in SI units."""
     file, ending = str(path), Path(path).suffix.lower()
-    if ending not in (*_TEXTS, ".npz", ".mat"):
-        raise InputError.of(f"ends in {ending!r}; allowed: {', '.join(_TEXTS)}, .npz, .mat", file=file)
+    if ending not in (*_TEXTS, ".npz", ".mat") and not Path(path).is_dir():
+        order = "; give the log first, then the problem or device" if ending in (".toml", ".json") else ""
+        raise InputError.of(f"ends in {ending!r}; allowed: {', '.join(_TEXTS)}, .npz, .mat{order}", file=file)
     try:
-        with open_bounded(path, MOST_BYTES) as stream:
+        with open_bounded(path, MOST_BYTES, "give a log of the device, such as log.csv") as stream:
             if ending in _TEXTS:
                 return _text(stream.read().decode("utf-8-sig"), file, layout)
             return _arrays(_npz(stream) if ending == ".npz" else _mat(stream), file, layout)
