@@ -32,6 +32,9 @@ _MOST_TOGETHER = 16
 # An end is right to this share of the distance between a stable value and one that is not.
 _PRECISION = 1e-8
 _BISECTIONS = 27
+# An end below this share of the last value of the scan is 0: a loop that any damper damps is unstable without one
+# alone, and the root is then where rounding leaves it.
+_LEAST_END = 1e-2
 JUST_INSIDE = 1e-6
 """Share of an end by which the value that confirms it lies inside."""
 
@@ -109,8 +112,13 @@ class _Search:
         return stable
 
     def _edge(self, stable: float, unstable: float) -> float:
-        """Return the last stable value between a stable and an unstable one: Brent's root, on its stable side."""
+        """Return the last stable value between a stable and an unstable one: Brent's root, on its stable side.
+
+        It is 0, where no value above 0 that the scan can tell from it is unstable.
+        """
         precision = _PRECISION * abs(unstable - stable)
+        if unstable == 0 and self._stable(_LEAST_END * stable):
+            return unstable
         deciding = self.deciding(unstable)
 
         def decided(value: float) -> float:

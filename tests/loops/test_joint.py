@@ -188,3 +188,11 @@ def test_a_file_of_a_joint_is_read_and_written():
     assert stated.changed(simulation={"step_s": 0.002}).end.engine.step_s == (0.002, 0.002)
     with pytest.raises(avc.UnsupportedError, match="is a joint that an engine moves"):
         avc.recommend(stated)
+
+
+@pytest.mark.parametrize("kd", [2.0, 0.01])
+def test_a_joint_that_any_damper_damps_is_stable_from_no_damper_on(kd):
+    joint = {"simulation": {"tool_inertia_kgm2": 0.005, "step_s": 1e-3, "integrator": "semi-implicit"}}
+    low, high = avc.certify_joint(joint, kp=100.0, kd=kd).damping_ns_per_m
+    assert low == 0.0  # not where rounding leaves the root
+    assert high == pytest.approx(9.95, abs=1e-6)
