@@ -55,8 +55,10 @@ class LawCertificate(Printed):
     Attributes:
         released: without a hand; None where nothing has a mass then.
         free: b_p alone, outside the wall, the worse of held and released; None without b_p.
-        largest_stiffness_n_per_m: up to which k holds at this b; 0 where none does.
-        damping_range_ns_per_m: lowest and largest b that hold at this k; None where none does.
+        largest_stiffness_n_per_m: up to which k is stable at this b; 0 where none is. Not a number where limits were
+            not looked for.
+        damping_range_ns_per_m: lowest and largest b that are stable at this k; None where none is, or where limits
+            were not looked for.
         largest_local_damping_ns_per_m: up to which b_p holds outside the wall; None without b_p.
         static_stiffness_n_per_m: at rest, at the handle.
         rendered_n_per_m: magnitude of force over position at the handle, by frequency in Hz.
@@ -91,6 +93,11 @@ class LawCertificate(Printed):
     largest_common_gain: float | None = None
     smallest_common_gain: float = 0.0
     friction: FrictionCredit | None = None
+
+    @property
+    def limited(self) -> bool:
+        """Whether the limits of its numbers were looked for."""
+        return not math.isnan(self.largest_stiffness_n_per_m)
 
     @property
     def cases(self) -> tuple[CaseResult, ...]:
@@ -197,8 +204,8 @@ def certify_law(  # noqa: PLR0913 - options by name, of a public call
         b_p: damper that acts outside the wall too.
         cutoff_hz: of a first-order filter of the velocity; None: no filter.
         remedies: look for what would help too, of a plain law: k, b, b_p and the filter.
-        limits: the stable interval of each number too; without them the verdict on a law of many numbers takes a few
-            tenths of a second.
+        limits: the stable interval of each number too; without them the verdict takes a few tenths of a second, also
+            on a law of many numbers or a device with a resonance.
         lean_on_friction: credit the declared dry friction: a law that grows without it passes where an impact of
             1 m/s at the handle comes to rest.
         law: in place of the table `[law]` of the problem: its keys as a dict, or a discrete system C(z) with attributes
@@ -214,14 +221,14 @@ def certify_law(  # noqa: PLR0913 - options by name, of a public call
         (False, 0.06)
     """
     stated = require_wall(law_problem(problem))
+    how = _How(limits=limits, lean=lean_on_friction)
     if is_system(law):
         if any(gain is not None for gain in (k, b, b_p, cutoff_hz)):
             raise InputError.of("is a discrete system, which has no k, b, b_p or cutoff_hz; leave them out", key="law")
-        system, how = StatedSystem.of(law, stated.device), _How(limits=limits, lean=lean_on_friction)
-        return _certify_pieces(system, stated, how, one_sided=False)
+        return _certify_pieces(StatedSystem.of(law, stated.device), stated, how, one_sided=False)
     if law is None and stated.law is None and not (b_p or 0.0) < 0:
         plain_law = SpringDamper(k or 0.0, b or 0.0, b_p or 0.0, cutoff_hz)
-        return _certify_spring_damper(plain_law, stated, remedies=remedies, lean=lean_on_friction)
+        return _certify_spring_damper(plain_law, stated, how, remedies=remedies)
     wall = stated.environment
     # A law in a file without a wall acts everywhere, on both sides; k and b that are typed act in a wall.
     one_sided = (law is None and stated.law is None) or bool(wall.stiffness_n_per_m or wall.damping_ns_per_m)
@@ -230,8 +237,8 @@ def certify_law(  # noqa: PLR0913 - options by name, of a public call
     assert own_law is not None  # noqa: S101 - with_law gives one
     if own_law.is_spring_damper:
         plain_law = _spring_damper(own_law, one_sided=one_sided)
-        return _certify_spring_damper(plain_law, stated, remedies=remedies, lean=lean_on_friction)
-    return _certify_pieces(own_law, stated, _How(limits=limits, lean=lean_on_friction), one_sided=one_sided)
+        return _certify_spring_damper(plain_law, stated, how, remedies=remedies)
+    return _certify_pieces(own_law, stated, how, one_sided=one_sided)
 
 
 @dataclass(frozen=True)
@@ -307,7 +314,7 @@ def _certify_pieces(law: ControlLaw | StatedSystem, problem: Problem, how: _How,
         held=cases[0],
         released=cases[1] if len(cases) > 1 else None,
         free=_worst_of(free, slower) if free else None,
-        largest_stiffness_n_per_m=limits.largest("stiffness_n_per_m") or 0.0,
+        largest_stiffness_n_per_m=(limits.largest("stiffness_n_per_m") or 0.0) if how.limits else math.nan,
         damping_range_ns_per_m=limits.of_numbers.get("damping_ns_per_m"),
         largest_local_damping_ns_per_m=limits.largest("local_damping_ns_per_m"),
         static_stiffness_n_per_m=static if math.isinf(static) else stiffness_at_handle(device, static),
@@ -341,7 +348,7 @@ def _credited(analysis: LawAnalysis, laws: Sequence[Law], law: AnyLaw) -> Fricti
     return credited(at_points, analysis.device, full_speed)
 
 
-def _certify_spring_damper(law: SpringDamper, stated: Problem, *, remedies: bool, lean: bool) -> LawCertificate:
+def _certify_spring_damper(law: SpringDamper, stated: Problem, how: _How, *, remedies: bool) -> LawCertificate:
     """Judge a spring and damper: k and b by D-decomposition, and what would help."""
     b_p, device = valid_law(law, stated).local_damping_ns_per_m, stated.device
     state_space = law.law(device.sample_time_s)
@@ -350,23 +357,23 @@ def _certify_spring_damper(law: SpringDamper, stated: Problem, *, remedies: bool
     outside = [analysis.case(law.outside, side) for side in analysis.sides if b_p]
     acting = [state_space, *([law.outside.law(device.sample_time_s)] if b_p else [])]
     stable = all(case.stable for case in (held, *released, *outside))
-    only_local = analysis.damping_range(SpringDamper(0.0, b_p)) if b_p else None
+    only_local = analysis.damping_range(SpringDamper(0.0, b_p)) if b_p and how.limits else None
     certificate = LawCertificate(
         problem=stated,
         law=law,
         held=held,
         released=released[0] if released else None,
         free=min(outside, key=lambda case: (case.stable, case.margins.disk), default=None),
-        largest_stiffness_n_per_m=analysis.largest_stiffness(law),
-        damping_range_ns_per_m=analysis.damping_range(law),
-        largest_local_damping_ns_per_m=(only_local or (0.0, 0.0))[1] if b_p else None,
+        largest_stiffness_n_per_m=analysis.largest_stiffness(law) if how.limits else math.nan,
+        damping_range_ns_per_m=analysis.damping_range(law) if how.limits else None,
+        largest_local_damping_ns_per_m=(only_local or (0.0, 0.0))[1] if b_p and how.limits else None,
         static_stiffness_n_per_m=stiffness_at_handle(device, law.stiffness_n_per_m),
         rendered_n_per_m=rendered_n_per_m(state_space),
         encoder_step_n=float(state_space.d[0, 0]) * device.encoder_resolution_m,
         noise_n=noise_n(law, device),
         quiet_n=analysis.quiet_n,
         remedies=() if remedies else None,
-        friction=_credited(analysis, acting, law) if lean and not stable else None,
+        friction=_credited(analysis, acting, law) if how.lean and not stable else None,
     )
     if not remedies or (certificate.passed and certificate.disk_margin >= SOUND_DISK and certificate.quiet):
         return certificate

@@ -22,13 +22,12 @@ from avc_casadi.diagnose.priors import (
     delays_of,
     hand_unknowns,
 )
+from avc_casadi.diagnose.windows import MOST_DELAY, Window, windows_of
 from avc_casadi.model.hands import Hand, released_hand
 from avc_casadi.model.plant import sampled_plant
 
 _LEAST_DELAY = 2e-3
 """Shortest delay that is searched, ticks."""
-_MOST_DELAY = 14.0
-"""Longest delay that is searched, ticks of the law."""
 
 _DRAWS = 12
 """Draws from the posterior of each structure."""
@@ -74,18 +73,6 @@ _SLOWER_THAN_SWING = 3
 
 _SLOW_HZ = (2.5, 40.0)
 """Frequencies, Hz, between which that limit lies, if it is not above half of the swing's."""
-
-_WINDOW_S = 0.4
-"""Shortest time of a window, s."""
-
-_WINDOW_CYCLES = 6
-"""Fewest cycles in a window."""
-
-_WINDOW_MOST = 1500
-"""Most ticks in a window."""
-
-_SMOOTH_STEPS = 0.05
-"""Encoder steps a tick below which friction has no full sign, as the position does not tell it."""
 
 _MODEL_ERROR = 5e-3
 """Share of the swing that no model explains."""
@@ -162,22 +149,6 @@ class PlantFit:
 
         draws = tuple(map(in_ticks, self.draws))
         return replace(self, best=in_ticks(self.best), draws=draws, delay_error=self.delay_error / log.hold)
-
-
-@dataclass(frozen=True, eq=False)
-class _Window:
-    """A stretch of n ticks of a log to which structures are fitted."""
-
-    start: float
-    """Position at its first tick, m."""
-    position: FloatArray
-    """Position from the start, shape (n,), m."""
-    past: FloatArray
-    """Force, N, of these ticks and of those before it up to the longest delay."""
-    rub: FloatArray
-    """Sign of the velocity, smoothed, shape (n,)."""
-    use: BoolArray
-    """Whether each tick is in the log, shape (n,)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -280,7 +251,7 @@ class _Structure:
         names = tuple(unknown.name for unknown in unknowns)
         middle = np.array([unknown.middle for unknown in unknowns])
         spread = np.array([unknown.spread for unknown in unknowns])
-        most_delay = _MOST_DELAY * grid.a_tick
+        most_delay = MOST_DELAY * grid.a_tick
         return cls(design, grid.period_s, hand, resonant, names, middle, spread, slow_hz, most_delay)
 
     @property
@@ -317,7 +288,7 @@ class _Structure:
             )
         return Hypothesis(device, hand, self.stops).vary(**changed)
 
-    def residual(self, point: FloatArray, window: _Window) -> FloatArray:
+    def residual(self, point: FloatArray, window: Window) -> FloatArray:
         """Return the residual of the position between stops, m, at the ticks that are used.
 
         Projected out is motion that is not of the logged force: free motion from any state, the slow motion of the
@@ -347,7 +318,7 @@ class _Structure:
             return np.full(max(unforced.size, 1), np.ptp(window.position))
         return np.asarray(unforced - upright @ (upright.T @ unforced)) * math.sqrt(unforced.size / spare)
 
-    def _forced(self, motion: _SampledMotion, window: _Window) -> FloatArray:
+    def _forced(self, motion: _SampledMotion, window: Window) -> FloatArray:
         """Return the position under the logged force and the friction of the device, from rest, shape (n,), m."""
         n = window.position.size
         now = window.past.size - n - motion.whole_delay
@@ -358,7 +329,7 @@ class _Structure:
             forced = forced + motion.response(motion.new + motion.old, friction_n * window.rub)
         return forced
 
-    def solve(self, first: FloatArray, windows: Sequence[_Window], levels: FloatArray, tries: int) -> _Solution:
+    def solve(self, first: FloatArray, windows: Sequence[Window], levels: FloatArray, tries: int) -> _Solution:
         """Return the best point from a first one on; each window has the level of its noise, m."""
 
         def weighted(point: FloatArray) -> FloatArray:
@@ -377,7 +348,7 @@ class _Structure:
         slope = np.asarray(result.jac)
         return _Solution(np.asarray(result.x), slope.T @ slope, float(result.cost))
 
-    def rms(self, point: FloatArray, windows: Sequence[_Window]) -> list[float]:
+    def rms(self, point: FloatArray, windows: Sequence[Window]) -> list[float]:
         """Return the residual in each window, root mean square, m."""
         return [_rms(self.residual(point, window)) for window in windows]
 
@@ -419,25 +390,6 @@ def _structures(design: IntendedLaw, grid: Grid, lag: float, swing_hz: float, *,
         for with_hand, unknowns in ((True, held), (False, device))
         for delay in (punctual, late)
     ]
-
-
-def _windows(log: Log, swing: Oscillation, grid: Grid) -> list[_Window]:
-    """Return the end of the oscillation and its beginning, where they are apart."""
-    period, n, before = log.period_s, log.position_m.size, int(_MOST_DELAY * grid.a_tick) + 2
-    cycles_s = max(_WINDOW_S, _WINDOW_CYCLES / swing.frequency_hz)
-    size = int(min(cycles_s / period, _WINDOW_MOST, n - before))
-    last = int(np.clip(swing.last - size, before, n - size))
-    first = int(np.clip(swing.first, before, n - size))
-    begins = [last, first] if abs(first - last) > size // 3 else [last]
-    speed = signal.savgol_filter(log.position_m, 5, 2, deriv=1)
-    rub = np.tanh(speed / max(_SMOOTH_STEPS * log.encoder_m, 1e-3 * float(np.std(speed)), 1e-12))
-    windows = []
-    for begin in begins:
-        part = slice(begin, begin + size)
-        start = log.position_m[begin]
-        past = log.force_n[begin - before : begin + size]
-        windows.append(_Window(float(start), log.position_m[part] - start, past, rub[part], log.ran[part]))
-    return windows
 
 
 @dataclass(frozen=True, eq=False)
@@ -500,7 +452,7 @@ def _fits(log: Log, swing: Oscillation, design: IntendedLaw, grid: Grid, lag: fl
     inside = log.position_m[swing.first : swing.last]
     scatter = math.hypot(log.encoder_m / math.sqrt(12), design.device.position_noise_rms_m)
     noise = math.hypot(scatter, _MODEL_ERROR * float(np.std(inside)))
-    plain, windows = _structures(design, grid, lag, swing_hz, resonant=False), _windows(log, swing, grid)
+    plain, windows = _structures(design, grid, lag, swing_hz, resonant=False), windows_of(log, swing, grid)
     trials = [_begin(structure, windows, noise) for structure in plain]
     likeliest = min(trials, key=lambda trial: trial.residual_m)
     least = likeliest.residual_m
@@ -522,7 +474,7 @@ def _fits(log: Log, swing: Oscillation, design: IntendedLaw, grid: Grid, lag: fl
 
 
 def _with_stops(
-    structure: _Structure, inside: FloatArray, windows: Sequence[_Window], noise: float, without: float
+    structure: _Structure, inside: FloatArray, windows: Sequence[Window], noise: float, without: float
 ) -> list[_Trial]:
     """Return the trial of a structure with the widest stops that explain the motion, or none.
 
@@ -541,11 +493,11 @@ def _with_stops(
     return good[:1] if bears_out and good[0].residual_m < _STOPS_BETTER * without else []
 
 
-def _begin(structure: _Structure, windows: Sequence[_Window], noise: float) -> _Trial:
+def _begin(structure: _Structure, windows: Sequence[Window], noise: float) -> _Trial:
     """Return a structure with its best point from a few initial guesses."""
     levels = np.full(len(windows), _BEGIN_LEVEL * noise)
     turns = _MODE_TURNS if structure.resonant else (1.0,)
-    late = structure.most_delay / _MOST_DELAY
+    late = structure.most_delay / MOST_DELAY
     delays = (0.0, _LATE_START * late) if structure.spread[0] > 2 * late else (0.0,)
     solutions = []
     for delay, turn in itertools.product(delays, turns):
@@ -557,7 +509,7 @@ def _begin(structure: _Structure, windows: Sequence[_Window], noise: float) -> _
     return _Trial(structure, point, max(structure.rms(point, windows)))
 
 
-def _levels(trials: Sequence[_Trial], windows: Sequence[_Window], noise: float) -> FloatArray:
+def _levels(trials: Sequence[_Trial], windows: Sequence[Window], noise: float) -> FloatArray:
     """Return the noise of each window, m: the least residual, with as few independent samples as it has."""
     levels = []
     for window in windows:
@@ -567,7 +519,7 @@ def _levels(trials: Sequence[_Trial], windows: Sequence[_Window], noise: float) 
 
 
 def _finish(
-    trial: _Trial, windows: Sequence[_Window], levels: FloatArray, noise: float, scatter: float, seed: int
+    trial: _Trial, windows: Sequence[Window], levels: FloatArray, noise: float, scatter: float, seed: int
 ) -> PlantFit | None:
     """Refine with the residual as noise, and draw from the posterior; None of a resonance at an end of its range."""
     structure = trial.structure

@@ -29,6 +29,7 @@ from itertools import repeat
 from pathlib import Path
 
 import numpy as np
+from studied import about, made_by
 
 HERE = Path(__file__).parent
 sys.path[:0] = [str(HERE.parent / "oracle")]
@@ -305,10 +306,10 @@ def page(rows: Sequence[tuple[str, str]], cures: Sequence[tuple[str, bool, bool]
     outcomes = ("right", "cannot tell", "wrong")
     lines = [f"| {kind} | {' | '.join(str(counts[kind, one]) for one in outcomes)} |" for kind in KINDS]
     total = [sum(counts[kind, one] for kind in KINDS) for one in outcomes]
-    made = f"Made by `python tests/benchmarks/swings.py --count {count} --seed {seed} --write`"
+    made = made_by(about(f"python tests/benchmarks/swings.py --count {count} --seed {seed} --write", seed))
     parts = [
         "# Swings of loops drawn at random",
-        f"{made}; {len(rows)} logs.",
+        f"{made} {len(rows)} logs.",
         " ".join((__doc__ or "").split("\n\n")[2].split()),
         "\n".join(["| what is wrong | right | cannot tell | confident and wrong |", "|---|--:|--:|--:|", *lines])
         + f"\n| all | {' | '.join(map(str, total))} |",

@@ -243,7 +243,11 @@ def _wall_answer(
     charts = _impedances(problem, direct, schedule, name)
     if extent is Extent.PICTURES:
         return PageAnswer(law, charts)
-    certificate = explorer.cached(f"law {stated} {given}", lambda: certify_law(problem, **given, remedies=False))
+    # The verdict follows a slider; which k and b are stable takes several times as long.
+    limits = extent is Extent.WHOLE
+    certificate = explorer.cached(
+        f"law {limits} {stated} {given}", lambda: certify_law(problem, **given, remedies=False, limits=limits)
+    )
     own = Judged(of_law(certificate), [shown for shown in own_law(certificate).rows if shown.rank == 0])
     method = None
     if schedule is not None and settings.method in explorer.form.live:

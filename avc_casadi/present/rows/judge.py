@@ -253,7 +253,9 @@ def _law_limits(result: LawCertificate) -> list[Row]:
         row("Largest k", Value(largest, "stiffness") if largest else "none", "at this b"),
         row("Stable b", "none" if allowed is None else span(allowed, "damping"), "at this k"),
     ]
-    if result.intervals is not None:
+    if not result.limited:
+        limits = [row("Limits", "not computed")]
+    elif result.intervals is not None:
         limits = [*pieces.limits(result.intervals, result.largest_common_gain or 0.0), *pieces.limited(result)]
     return [
         row("Rendered", commas([at_rest, *moving])),

@@ -27,7 +27,7 @@ def law_clauses(certificate: LawCertificate, units: Units) -> tuple[str, ...]:
     if certificate.stable:
         return (_doubts(certificate),)
     plain_law = isinstance(certificate.law, SpringDamper)
-    if not plain_law and certificate.intervals is None:
+    if not certificate.limited:
         return ("unstable",)
     return (f"unstable: {_plain_cause(certificate, units) if plain_law else _cause(certificate, units)}",)
 
