@@ -11,6 +11,7 @@ import avc_casadi as avc
 from avc_casadi._util.progress import Progress
 from avc_casadi.claims.admittance import HandleAnalysis
 from avc_casadi.claims.handle_port import HandleLoop
+from avc_casadi.claims.mass_width import VelocityResponse
 from avc_casadi.loops.handle import HandleFamily, leading_poles, plants_of
 from avc_casadi.loops.loop import Body
 from avc_casadi.loops.margins import SOUND_DISK, OpenLoop
@@ -230,6 +231,21 @@ class Recorded(Progress):
     def advance(self, done, total, part=""):
         assert 0 <= done <= total
         self.seen.append((done, total, part))
+
+
+@pytest.mark.parametrize("ratio", [0.001, 0.01, 0.3])
+def test_the_region_sees_the_narrowest_resonance_of_the_handle(ratio):
+    device = {"drive_bandwidth_hz": 120.0, "delay_samples": 0, "sensor": {"damping_ratio": ratio}}
+    stated = arm({"mass_kg": 8.0, "damping_ns_per_m": 400.0}, **device) | {"contact": {"stiffness_n_per_m": 0.0}}
+    response = VelocityResponse(HandleAnalysis(avc.AdmittanceProblem.model_validate(stated)).pairs)
+    # The force of each plant from its poles and residues, on angles far closer than the resonance is wide.
+    z = np.exp(1j * np.linspace(1e-4, math.pi, 100_000))
+    for row, (a, b, measured) in enumerate(zip(response.body.a, response.body.b, response.body.measured, strict=True)):
+        poles, modes = np.linalg.eig(a)
+        excited = np.linalg.solve(modes, b.ravel())
+        force = ((measured @ modes)[1] * excited) @ (1 / (z - poles[:, None]))
+        seen = np.abs(response.measured[row, :, 1])
+        assert seen.max() == pytest.approx(np.abs(force).max(), rel=0.02)
 
 
 @pytest.mark.slow
