@@ -132,8 +132,8 @@ def main() -> None:
         f"# Laws of every piece beside loops written out\n\n{made_by(about(command, 0))}\n\n"
         f"{options.count} drawn laws on drawn devices, half of them in a range of hands ([script](stated_laws.py)). "
         f"A radius differs by more than {RADIUS:g}, a disk margin by more than {MARGIN:g} of itself. A certificate "
-        f"takes {each:.2f} s of processor time in the mean, {slowest:.1f} s at most. {refused} more laws were drawn and "
-        f"refused for a negative virtual mass beyond its filter.\n\n{shown}\n",
+        f"takes {each:.2f} s of processor time in the mean, {slowest:.1f} s at most. {refused} more laws were drawn "
+        f"and refused for a negative virtual mass beyond its filter.\n\n{shown}\n",
         encoding="utf-8",
     )
 
