@@ -108,7 +108,7 @@ class Program:
             laws.append(search.minimised(start))
             if sum(map(self.meets_goals, laws)) == ENOUGH_LAWS:
                 break
-        return min(laws, key=search.merit, default=None)
+        return search.renewed(min(laws, key=search.merit)) if laws else None
 
     def withstanding(self, loops: LawLoops) -> tuple[Program, LawLoops]:
         """Return a law from this one on that is stable on devices a little off the file too, and its program.

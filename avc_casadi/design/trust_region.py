@@ -43,6 +43,8 @@ class TrustRegionSettings:
     slow_steps: int = 3
     """Number of steps in a row with less than the tolerance after which it stops."""
     most_steps: int = 120
+    renewed_gain: float = 1e-3
+    """Decrease of the merit below which a search is not begun anew from its own end."""
     resolved: float = 1e-6
     """Directions of L that change Phi by less than this, relative to the strongest one, are left out: single precision
     cannot tell them apart, and without the bound L grows along them to 1e9."""
@@ -106,6 +108,18 @@ class TrustRegion:
             if slow == settings.slow_steps:
                 return best
         return best
+
+    def renewed(self, loops: LawLoops) -> LawLoops:
+        """Return the law of searches that begin anew, each at the end of the one before, until one gains nothing.
+
+        A search ends at a small reach where the conditions that bind change from step to step. With the first reach
+        again, the next one sees beyond them.
+        """
+        while True:
+            again = self.minimised(loops.gain)
+            if self.merit(loops) - self.merit(again) < self.settings.renewed_gain:
+                return again
+            loops = again
 
     def _axes(self, loops: LawLoops) -> FloatArray:
         """Return axes W of L, (n, r): a change W w changes Phi by |w| relative to itself, as a root mean square."""
