@@ -20,6 +20,7 @@ from avc_casadi.claims.certify import proof_files
 from avc_casadi.claims.deployable import require_deployable
 from avc_casadi.claims.joint import certify_joint
 from avc_casadi.claims.law_analysis import SpringDamper
+from avc_casadi.claims.law_region import law_region
 from avc_casadi.claims.own_law import valid_law
 from avc_casadi.claims.zwidth import zwidth
 from avc_casadi.cli import arguments as cli
@@ -266,6 +267,14 @@ def _trace(run: avc.Run, args: argparse.Namespace, console: Console) -> Path | N
     if path is not None:
         console.written.append(f"{run.save(path)} and its manifest")
     return path
+
+
+def region_of_law(problem: avc.Problem, args: argparse.Namespace, console: Console) -> Answer:
+    """Return the answer of `zwidth --over`: the stable k of a stated law over another number."""
+    with console.step(f"stable gains over {args.over}"):
+        stable = law_region(problem, args.over, console)
+    write_figure(console, args.plot, lambda: avc.figures.draw_law_region(stable))
+    return rows.law_region.law_region(stable, args.problem)
 
 
 @singledispatch

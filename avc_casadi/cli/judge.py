@@ -15,6 +15,7 @@ _COUPLING_HANDS = 10_000
 """Hands that try a coupling where no other number is given."""
 _CUTOFF = "set the cutoff of a first-order velocity filter in Hz (default: no filter)"
 _COMPENSATION = 'add a force along the motion: "0.2N", or "0.2N, 0.02m/s" (default: none)'
+_OVER = "show the stable k of [law] over this number, such as velocity.cutoff_hz"
 _PROVE = "try to prove that the device comes to rest without friction (claim L7)"
 _VELOCITY = 'estimate v by "window 5", "low-pass 80 Hz", "kalman 40 Hz", "ticks 20 ms"'
 
@@ -147,17 +148,21 @@ def run_trial(args: argparse.Namespace, console: Console) -> Answer:
     return rows.judge.trial(trial, coupling.problem.units, args.coupling)
 
 
-@cli.verb(cli.PROBLEM, cli.plot("the region"))
+@cli.verb(cli.PROBLEM, cli.argument("--over", metavar="NUMBER", text=_OVER), cli.plot("the region"))
 def run_zwidth(args: argparse.Namespace, console: Console) -> Answer:
     """Show which walls the device can render without a coupling (the Z-width).
 
     For a [simulation]: at which spring K and damper B of the coupling the loop is stable.
     For an admittance device (drive = "velocity"): which virtual masses are stable at each damping.
+    With --over: which k of your own [law] are stable at each value of another number.
     """
     from avc_casadi.cli import admittance, ends
     from avc_casadi.files.admittance_file import is_admittance
 
     if is_admittance(args.problem):
+        cli.refuse(args, "over", why="is an option of force devices, and P follows a velocity; leave it out")
         return admittance.region(args, console)
     problem = avc.load_problem(args.problem)
+    if args.over is not None:
+        return ends.region_of_law(problem, args, console)
     return ends.region(problem.end, problem, args, console)

@@ -11,6 +11,7 @@ from avc_casadi.present.figures.deployed import draw_loop as draw_loop
 from avc_casadi.present.figures.deployed import draw_rendered as draw_rendered
 from avc_casadi.present.figures.deployed import draw_tool_region as draw_tool_region
 from avc_casadi.present.figures.deployed import draw_zwidth as draw_zwidth
+from avc_casadi.present.figures.law_region import draw_law_region as draw_law_region
 from avc_casadi.present.figures.paper import draw_accuracy as draw_accuracy
 from avc_casadi.present.figures.paper import draw_comparison as draw_comparison
 from avc_casadi.present.figures.paper import draw_perceived as draw_perceived
