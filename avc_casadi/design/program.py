@@ -1,10 +1,11 @@
-"""Observer laws of least impedance error: a local optimum of a fixed structure, from up to three starts.
+"""Observer laws of least impedance error: local optima of a fixed structure, from several starts.
 
-A law is an observer with state feedback whose gain L is free (`observer_law`). Minimised is the largest impedance error
-at the handle from 1 to 30 Hz, with a disk margin, a bounded force of encoder noise and a rate of decay at every corner
-of the hands and the ranges (`conditions`), by a trust region (`trust_region`). Where it is asked for, the law is stable
-on devices a tenth off too (`Program.withstanding`). The result is judged by exact eigenvalues at all these corners;
-stability inside the ranges is the certificate's business (`claims.deployable`).
+A law is an observer with state feedback. Its structure comes from a guess of model and feedback, and its gain L is free
+(`observer_law`). A trust region (`trust_region`) minimises over L the largest impedance error at the handle from 1 to
+30 Hz. The conditions (`conditions`) are a disk margin, a bound of the force of encoder noise, and a rate of decay, each
+at every corner of the hands and the ranges. `Program.withstanding` makes a law stable on devices a tenth off too. The
+result is judged by exact eigenvalues at all these corners. The certificate judges what lies inside the ranges
+(`claims.deployable`).
 """
 
 from __future__ import annotations
@@ -55,6 +56,7 @@ ENOUGH_LAWS = 2
 MOST_STARTS = 6
 """Starts of each guess from which the trust region begins: on 24 drawn devices more of them led to no nearer law."""
 FINEST_ENCODER_M = 1e-9
+"""Encoder step that is assumed where the problem states a finer one or none, m: the noise gain needs a bound."""
 PERTURBED_ROUNDS = 4
 """How often the plants off the file at which a law is unstable join the program: two rounds are usual."""
 PERTURBED_AT_ONCE = 24

@@ -36,12 +36,12 @@ class CouplingDesign(Protocol[Best]):
         """Return the answer with a coupling."""
 
     def no_coupling(self, infeasible: Reason | None) -> Recommendation:
-        """Return the answer without a coupling, which is infeasible for a reason, or else was refused by trials."""
+        """Return the answer without a coupling: infeasible for a reason, or None where trials refused all couplings."""
 
 
 @singledispatch
 def design_of(end: End, problem: Problem, request: Request, crew: Crew) -> CouplingDesign[Any]:  # noqa: ARG001
-    """Return the design of the coupling to the end of a problem: of any that is no wall a spring and dampers."""
+    """Return how the coupling of a problem is designed, by the kind of its end; other kinds get spring and dampers."""
     return PairDesign(problem, request)
 
 
@@ -78,17 +78,17 @@ def recommend(  # noqa: PLR0913 - options by name, of a public call
     """Return the coupling to deploy to a wall, a [simulation] or a [follower], with its analysis.
 
     Args:
-        problem: with exactly one of them; or a file, or a name.
-        hands: number of simulated hands, corners of [hands] among them.
-        seed: of their draw.
-        stiffest: of a wall: that of the stiffest wall, without a damper, which a hand that moves gets within 20 %.
-        lean_on_friction: of a wall: settling by the declared dry friction suffices.
-        prove: of a wall: as `certify` does.
-        with_trade_off: of a wall: what a disk margin costs.
-        versions: of the software, written into the coupling.
-        workers: of a wall: processes, this one among them.
+        problem: a problem with a wall, a [simulation] or a [follower]; or its file, or a name of the catalogue.
+        hands: number of simulated hands; the extreme hands of [hands] are among them.
+        seed: seed of the hands that are drawn.
+        stiffest: take the stiffest wall, without a damper, that is rendered within 20 % from 1 to 10 Hz (walls only).
+        lean_on_friction: accept couplings that settle only by the declared dry friction (walls only).
+        prove: try to prove that every hand comes to rest, as `certify` does (walls only).
+        with_trade_off: compute what a disk margin costs, too (walls only).
+        versions: versions of the software that are written into the coupling, by name.
+        workers: number of processes, this one included (walls only).
         progress: receiver of the progress.
-        executor: of a wall: runs the trials.
+        executor: runs the trials in place of the processes of this call (walls only).
 
     Raises:
         InputError: faults of the file, or an option that does not apply to the remote end.
@@ -100,10 +100,19 @@ def recommend(  # noqa: PLR0913 - options by name, of a public call
         True
     """
     stated = require_device(problem)
-    asked = Request(
-        hands, seed, stiffest, lean_on_friction, prove, with_trade_off, versions or {}, workers, progress, executor
+    options = Request(
+        hands=hands,
+        seed=seed,
+        stiffest=stiffest,
+        lean_on_friction=lean_on_friction,
+        prove=prove,
+        with_trade_off=with_trade_off,
+        versions=versions or {},
+        workers=workers,
+        progress=progress,
+        executor=executor,
     )
-    request = request_of(stated.end, asked)
+    request = request_of(stated.end, options)
     with Crew(request.workers) as crew:
         design = design_of(stated.end, stated, request, crew)
         infeasible = design.why_infeasible()

@@ -38,11 +38,11 @@ def request_of(end: End, request: Request) -> Request:  # noqa: ARG001
     Raises:
         InputError: an option that does not.
     """
-    unasked = Request()
-    alien = [name for name in _OF_WALLS if getattr(request, name) != getattr(unasked, name)]
-    if alien:
+    defaults = Request()
+    of_walls_alone = [name for name in _OF_WALLS if getattr(request, name) != getattr(defaults, name)]
+    if of_walls_alone:
         allowed = "allowed: hands, seed, versions, progress"
-        raise InputError.of(f"applies to walls only; {allowed}", key=alien[0])
+        raise InputError.of(f"applies to walls only; {allowed}", key=of_walls_alone[0])
     return Request(request.hands, request.seed, versions=request.versions, progress=request.progress)
 
 
