@@ -33,6 +33,7 @@ from script_arguments import script_arguments
 from studied import about, computed
 
 import avc_casadi as avc
+import avc_hardware
 from avc_casadi import UnsupportedError
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.runtime import Runtime
@@ -149,7 +150,7 @@ def compiled() -> dict[str, Any]:
                     builds += 1
         names = {"soft": "wall 0", "pen": "tool on-time", "arm": "follower"}
         for short, which in names.items():
-            for file, text in export_c(exports()[which], name=short).items():
+            for file, text in avc_hardware.export_c(exports()[which], name=short, unsafe=True).items():
                 (folder / file).write_text(text, encoding="ascii")
         main = "".join(f'#include "{short}.h"\n' for short in names)
         main += (
