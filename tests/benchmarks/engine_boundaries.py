@@ -4,13 +4,14 @@ OPENBLAS_NUM_THREADS=1 nice -n 10 python tests/benchmarks/engine_boundaries.py
 
 Needs MuJoCo (`pip install "avc-casadi[engines]"`). Device with hand, coupling and exchange are simulated by
 engine_axes.py, which shares nothing with the project; MuJoCo moves the tools. Overwrites
-results/engine_boundaries.json after every cell and goes on where it stopped; the tables of the page show it.
+results/engine_boundaries.json and the numbers of its page after every cell, and goes on where it stopped.
 """
 
 from __future__ import annotations
 
 import math
 import os
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -21,7 +22,7 @@ from typing import Any
 import numpy as np
 from engine_axes import Array, Axis, largest_stable_n_per_m, run
 from script_arguments import script_arguments
-from studied import about, computed
+from studied import about, computed, made_by, rounded, table
 
 import avc_casadi as avc
 from avc_casadi.design.virtual_tool import ToolSearch
@@ -31,6 +32,7 @@ from avc_casadi.model.problem import Problem
 
 SEED = 5207
 OUT = Path(__file__).parent / "results" / "engine_boundaries.json"
+PAGE = Path(__file__).parent / "RESULTS_engine_boundaries.md"
 
 RANDOM, BOXES, PEOPLE = 100, 12, 200
 BEYOND = 1.3
@@ -220,12 +222,80 @@ def cells() -> dict[str, Callable[[], dict[str, Any]]]:
     return found
 
 
+def limits_text(cells: list[dict[str, Any]]) -> str:
+    """Return how MuJoCo's limits compare with the project's, all and by exchange."""
+    able = [cell for cell in cells if cell.get("gains") is not None]
+    shares = {
+        kind: np.array(
+            [
+                cell["mujoco_n_per_m"] / cell["gains"]["stiffness_n_per_m"]
+                for cell in able
+                if cell["axis"]["exchange"] == kind
+            ]
+        )
+        for kind in ("on-time", "late", "ahead", "held-force")
+    }
+    every = np.concatenate([*shares.values()])
+    rows = []
+    for kind, share in shares.items():
+        spread = [f"{value:.4f}" for value in (share.min(), np.median(share), share.max())]
+        rows.append((kind, f"{np.count_nonzero(abs(share - 1) < 0.1)} of {share.size}", *spread))
+    head = ("exchange", "within 10 %", "least share", "median", "largest (1.8: or more)")
+    return (
+        f"**{np.count_nonzero(abs(every - 1) < 0.1)} of {every.size} within 10 %**, "
+        f"{np.count_nonzero(abs(every - 1) < 0.02)} within 2 %. MuJoCo's limit as a share of the project's: "
+        f"{every.min():.4f} to {every.max():.4f}; below 1 is the unsafe side. {len(cells) - len(able)} cases have no "
+        f"stable pair at all.\n\n{table(head, rows)}\n"
+    )
+
+
+def boxes_text(cells: list[dict[str, Any]]) -> str:
+    """Return how many hands settle with the recommended pairs, and beyond the limit."""
+    able = [cell for cell in cells if cell["gains"] is not None]
+    settle = {key: sum(cell[key]["both"] == PEOPLE for cell in able) for key in ("steady", "dropped")}
+    beyond = sum(cell["beyond"]["both"] < PEOPLE or cell["beyond_grows"] > 0 for cell in able)
+    rows = []
+    for cell in able:
+        axis, counts = cell["axis"], [f"{cell[key]['free']} / {cell[key]['pressed']}" for key in _RUNS]
+        tool = f"{axis['tool_mass_kg']} kg, {1e3 * axis['step_s']:g} ms, {axis['exchange']}"
+        device = f"{axis['mass_kg']} kg, {1e3 * axis['sample_time_s']:g} ms, {axis['delay_samples']:g}"
+        limit = f"{rounded(cell['gains']['stiffness_n_per_m'])} of {rounded(cell['limit_n_per_m'])}"
+        rows.append((tool, device, limit, *counts, cell["beyond_grows"], cell["steady"]["contacts_broken"]))
+    head = ("tool, step, exchange", "device, T, delay in samples", "K of the limit, N/m", "settled free / pressed")
+    head += ("with missed steps", "at 1.3 times the limit", "grows there", "contacts broken, at least")
+    return (
+        f"Of {len(cells)} cases {len(able)} have a recommended pair. All hands settle with {settle['steady']} of them, "
+        f"with one step of the engine in a hundred missed with {settle['dropped']}. With 1.3 times the stiffest K "
+        f"{beyond} are unstable.\n\n{table(head, rows)}\n"
+    )
+
+
+_RUNS = ("steady", "dropped", "beyond")
+
+
+def write_page(document: dict[str, Any]) -> None:
+    """Put the numbers into the page between its marks, and with what they were made."""
+    groups = {
+        kind: [cell for name, cell in document["cells"].items() if name.startswith(kind)] for kind in ("random", "box")
+    }
+    if not all(groups.values()):
+        return
+    text = re.sub(
+        "^Made by .*$", made_by(document["about"]), PAGE.read_text(encoding="utf-8"), count=1, flags=re.MULTILINE
+    )
+    for kind, written in (("random", limits_text(groups["random"])), ("box", boxes_text(groups["box"]))):
+        begin, end = f"<!-- {kind} -->\n", "<!-- end -->"
+        before, _, rest = text.partition(begin)
+        text = f"{before}{begin}{written}{end}{rest.partition(end)[2]}"
+    PAGE.write_text(text, encoding="utf-8")
+
+
 def main() -> None:
     script_arguments(__doc__)
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     told = about("python tests/benchmarks/engine_boundaries.py", SEED)
     told["versions"]["mujoco"] = version("mujoco")
-    computed(cells(), OUT, told)
+    computed(cells(), OUT, told, write_page)
 
 
 if __name__ == "__main__":

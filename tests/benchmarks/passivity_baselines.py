@@ -4,14 +4,15 @@ python tests/benchmarks/passivity_baselines.py [OUT]
 
 Laws as published (`baseline_laws.py`) and exported C of couplings on a device in plain numpy (`baseline_plant.py`):
 hands that press, tap and strike, a shaken handle, a released device. Overwrites OUT (default
-tests/benchmarks/results/passivity_baselines.json), which the page shows, after every cell; what OUT holds already is
-not computed again. About eight minutes on one core.
+tests/benchmarks/results/passivity_baselines.json) and the table of RESULTS_passivity_baselines.md after every cell.
+What OUT has already is not computed again. About four minutes on one core.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
+import re
 import sys
 from collections.abc import Callable
 from dataclasses import replace
@@ -22,7 +23,7 @@ from typing import Any
 
 import numpy as np
 from script_arguments import script_arguments
-from studied import about, computed
+from studied import about, computed, made_by, rounded, table
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "oracle"))
 
@@ -39,6 +40,9 @@ from avc_hardware import export_c
 
 HERE = Path(__file__).parent
 RESULTS = HERE / "results" / "passivity_baselines.json"
+PAGE = HERE / "RESULTS_passivity_baselines.md"
+HEAD = ("law", "at rest, N/m", "1 Hz, N/m", "10 Hz, N/m", "impedance error, 1 / 10 Hz, %")
+HEAD += ("settled, friction / none", "held, N/m", "ripple, N", "outside, N", "given, %")
 SEED, HANDS, RELEASED, PHASES = 1402, 50, 24, 8
 SECONDS, REST_M_PER_S, PRESS_N, LIMIT_SHARE = 3.0, 5e-3, 10.0, 0.97
 # When the last tap ends, and how fast a hand may then be.
@@ -197,11 +201,56 @@ def tunings(kind: type[Wall], problem: avc.Problem) -> tuple[float, ...]:
     return RATES_M_PER_S if kind is ForceAugmentation else (math.nan,)
 
 
+def row(found: dict[str, Any]) -> tuple[str, ...]:
+    """Return a row of the page."""
+    words = {"robust": "state feedback", "damped": "contact damper"}
+    name = found["law"]
+    if name == "recommended":
+        name = f"**recommended** ({words.get(found['method'], found['method'])})"
+    if "error" not in found or isinstance(found["error"], str):
+        return (name, *[found.get("error", "none")] * 9)
+    errors = " / ".join(rounded(100 * error, 2) for error in found["error"])
+    counts = f"{found['settled']} / {found['settled_without_friction']}"
+    held = rounded(found["held_n_per_m"]) if "held_n_per_m" in found else ""
+    motion = [rounded(stiffness) for stiffness in found["in_motion_n_per_m"]]
+    ripple, outside = found["ripple_n"], found["outside_n"]
+    energy = rounded(100 * found["given_share"], 2)
+    return (
+        name,
+        rounded(found["at_rest_n_per_m"]),
+        *motion,
+        errors,
+        counts,
+        held,
+        rounded(round(ripple, 5), 2),
+        rounded(outside),
+        energy,
+    )
+
+
+def write_page(document: dict[str, Any]) -> None:
+    """Put the numbers into the page, whose words stay."""
+    rows: list[tuple[str, ...]] = []
+    for problem in PROBLEMS:
+        found = [cell for name, cell in document["cells"].items() if name.startswith(f"{problem} |")]
+        if found:
+            of = found[0]
+            wall, passive, led = (rounded(of[key]) for key in ("wall_n_per_m", "passive_n_per_m", "friction_n"))
+            rows.append(
+                (f"**{problem}, {wall} N/m**: {passive} N/m, {led} N, {1e3 * of['shaken_depth_m']:.3g} mm", *[""] * 9)
+            )
+            rows += [row(cell) for cell in found]
+    text = PAGE.read_text(encoding="utf-8")
+    before, _, rest = text.partition("| law | at rest")
+    made = re.sub("^Made by .*$", made_by(document["about"]), before, count=1, flags=re.MULTILINE)
+    PAGE.write_text(f"{made}{table(HEAD, rows)}\n\n## {rest.partition('## ')[2]}", encoding="utf-8")
+
+
 def main() -> None:
     arguments = script_arguments(__doc__, out=RESULTS)
     told = about("python tests/benchmarks/passivity_baselines.py", SEED) | {"hands": HANDS}
     cells = {f"{name} | {law}": partial(cell, name, law) for name in PROBLEMS for law in (*BASELINES, *OURS)}
-    computed(cells, arguments.out, told)
+    computed(cells, arguments.out, told, write_page)
 
 
 if __name__ == "__main__":
