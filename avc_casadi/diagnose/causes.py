@@ -12,11 +12,11 @@ import numpy as np
 
 from avc_casadi._errors import InputError
 from avc_casadi._util.json_values import plain_table
-from avc_casadi._util.progress import SILENT, Progress
+from avc_casadi._util.progress import SILENT, Progress, Stages
 from avc_casadi._util.text import number
 from avc_casadi.coupling import Coupling
 from avc_casadi.diagnose.change import FEW_STEPS, OTHER, cause_of
-from avc_casadi.diagnose.fit import PlantFit, beside_friction, fit_plants
+from avc_casadi.diagnose.fit import FitTask, PlantFit, fit_log
 from avc_casadi.diagnose.law import FittedLaw, find_law, is_cut_off
 from avc_casadi.diagnose.mass import apparent_mass_kg
 from avc_casadi.diagnose.oscillation import Log, Oscillation, find_oscillation, log_of
@@ -99,6 +99,9 @@ _NEAR_BY_MOST = 8
 
 _EXPLAINS_AS_WELL = 1.3
 """Residual, per that of the best answer, up to which another structure explains the log as well."""
+
+_USUAL_STAGES = 9
+"""Stages of a usual diagnosis: four structures, each fitted and refined; causes and remedies."""
 
 _DAMPING_OF_DELAY = 3
 """A damping matters no more that a spring loses by a third of a tick of delay."""
@@ -232,10 +235,10 @@ def diagnose(  # noqa: PLR0913 - options by name, of a public call
     if isinstance(law_or_verdict, Diagnosis):
         return law_or_verdict
     with progress.step("device, hand, causes and remedies"):
-        law, fits = law_or_verdict, fit_plants(grid, swing, design, law_or_verdict.lag, seed)
-        if law.switch is not None and law.switch.by == "speed":
-            fits = beside_friction(fits, grid, swing, design, law.lag, seed, law.switch.keep)
-        return _judge(begun, law, fits)
+        stages = Stages(progress, _USUAL_STAGES * (2 if grid.missed_share else 1))
+        fitted_log, fits = fit_log(FitTask(grid, swing, seed, stages), design, law_or_verdict)
+        stages.begin("causes and remedies")
+        return _judge(replace(begun, log=fitted_log), law_or_verdict, fits)
 
 
 def _design(
@@ -278,6 +281,9 @@ def _at_once(diagnosis: Diagnosis) -> Diagnosis | FittedLaw:
     if swing.sustained and swing.contact_share == 0:
         text = "it oscillates while no force is commanded; a hand, a cable or the table moves it"
         return _concluded(diagnosis, "not the loop", text)
+    if not np.ptp(log.position_m):
+        text = "the device stands still over the whole log: nothing oscillates, and no motion shows the law"
+        return _concluded(diagnosis, "cannot tell", text, "a log in which it oscillates, or of a press and a release")
     if law is None or not law.explains:
         text = (
             "no known law explains the force: spring and damper, with a dead zone, a filter or a clock of its own; a"

@@ -11,6 +11,8 @@ import numpy as np
 from scipy import optimize, signal
 
 from avc_casadi._util.arrays import BoolArray, FloatArray
+from avc_casadi._util.progress import Stages
+from avc_casadi.diagnose.law import FittedLaw
 from avc_casadi.diagnose.oscillation import LEAST_ALIKE, Log, Oscillation, samples_alike
 from avc_casadi.diagnose.plant import DeviceValue, Hypothesis, IntendedLaw
 from avc_casadi.diagnose.priors import (
@@ -401,29 +403,55 @@ class _Trial:
     residual_m: float
 
 
-def fit_plants(log: Log, swing: Oscillation, design: IntendedLaw, lag: float, seed: int) -> list[PlantFit]:
+@dataclass(frozen=True, eq=False)
+class FitTask:
+    """A swing of a log to which device and hand are fitted."""
+
+    log: Log
+    swing: Oscillation
+    seed: int
+    """That of the draws."""
+    stages: Stages
+
+    def by_samples(self) -> FitTask:
+        """Return the task on the grid of the samples, for a clock whose ticks are none of them."""
+        first, last = self.log.rows[[self.swing.first, self.swing.last - 1]].tolist()
+        return replace(self, log=self.log.by_samples(), swing=replace(self.swing, first=first, last=last + 1))
+
+
+def fit_log(task: FitTask, design: IntendedLaw, law: FittedLaw) -> tuple[Log, list[PlantFit]]:
+    """Return device and hand in every structure, likeliest first, and the log that they are fitted to.
+
+    Where ticks are missed, the force was held, or the law ran and the log lost it: what explains the motion better.
+    """
+    logs = [task.log]
+    if task.log.missed_share:
+        logs.append(task.log.with_force_between())
+    fitted = []
+    for log in logs:
+        task = replace(task, log=log)
+        fits = fit_plants(task, design, law.lag)
+        if law.switch is not None and law.switch.by == "speed":
+            fits = beside_friction(fits, task, design, law.lag, law.switch.keep)
+        fitted.append((log, fits))
+    return min(fitted, key=lambda log_and_fits: log_and_fits[1][0].misfit)
+
+
+def fit_plants(task: FitTask, design: IntendedLaw, lag: float, *, rigid: bool = False) -> list[PlantFit]:
     """Return device and hand in every structure, likeliest first; with a resonance or stops where nothing else fits.
 
-    `lag` is that of the law, ticks; `seed` that of the draws. With a clock whose ticks are no samples the force is new
-    after so many samples and one more: device and hand are fitted to the samples.
+    `lag` is that of the law, ticks; `rigid` leaves out resonance and stops. With a clock whose ticks are no samples the
+    force is new after so many samples and one more: device and hand are fitted to the samples.
     """
+    log = task.log
     if log.even:
-        return _fits(log, swing, design, Grid(log.period_s, 1.0), lag, seed)
-    first, last = log.rows[[swing.first, swing.last - 1]].tolist()
-    swing = replace(swing, first=first, last=last + 1)
-    grid = Grid(log.sample_time_s, log.hold)
-    fits = _fits(log.by_samples(), swing, design, grid, lag * log.hold, seed)
+        return _fits(task, design, Grid(log.period_s, 1.0), lag, rigid=rigid)
+    fits = _fits(task.by_samples(), design, Grid(log.sample_time_s, log.hold), lag * log.hold, rigid=rigid)
     return [fit.in_ticks(log) for fit in fits]
 
 
 def beside_friction(
-    fits: Sequence[PlantFit],
-    log: Log,
-    swing: Oscillation,
-    design: IntendedLaw,
-    lag: float,
-    seed: int,
-    kept: float,
+    fits: Sequence[PlantFit], task: FitTask, design: IntendedLaw, lag: float, kept: float
 ) -> list[PlantFit]:
     """Return fits of a log whose force is switched by the speed, with the error that its friction gives the delay.
 
@@ -436,7 +464,7 @@ def beside_friction(
     friction_n = design.device.coulomb_friction_n
     for factor in _FRICTIONS if friction_n else ():
         device = design.device.model_copy(update={"coulomb_friction_n": factor * friction_n})
-        trials += fit_plants(log, swing, replace(design, device=device), lag, seed)
+        trials += fit_plants(task, replace(design, device=device), lag, rigid=True)
     most = _AS_LIKELY * min(trial.misfit for trial in trials)
     delays = [trial.best.delay for trial in trials if trial.misfit <= most]
 
@@ -446,14 +474,18 @@ def beside_friction(
     return [replace(fit, delay_error=error_of(fit)) for fit in fits]
 
 
-def _fits(log: Log, swing: Oscillation, design: IntendedLaw, grid: Grid, lag: float, seed: int) -> list[PlantFit]:
+def _fits(task: FitTask, design: IntendedLaw, grid: Grid, lag: float, *, rigid: bool) -> list[PlantFit]:
     """Return device and hand in every structure, likeliest first, on the grid of a log; `lag` is in its periods."""
-    swing_hz = swing.frequency_hz
+    log, swing, stages = task.log, task.swing, task.stages
     inside = log.position_m[swing.first : swing.last]
     scatter = math.hypot(log.encoder_m / math.sqrt(12), design.device.position_noise_rms_m)
     noise = math.hypot(scatter, _MODEL_ERROR * float(np.std(inside)))
-    plain, windows = _structures(design, grid, lag, swing_hz, resonant=False), windows_of(log, swing, grid)
-    trials = [_begin(structure, windows, noise) for structure in plain]
+    plain = _structures(design, grid, lag, swing.frequency_hz, resonant=False)
+    windows = windows_of(log, swing, grid)
+    trials = []
+    for structure in plain:
+        stages.begin("a hand and a delay" if structure.hand else "a released device and a delay")
+        trials.append(_begin(structure, windows, noise))
     likeliest = min(trials, key=lambda trial: trial.residual_m)
     least = likeliest.residual_m
     # What the likeliest leaves is noise of the position where it is white, whether it is declared or not.
@@ -461,15 +493,20 @@ def _fits(log: Log, swing: Oscillation, design: IntendedLaw, grid: Grid, lag: fl
     if left.size > _WHITE_FROM and samples_alike(left) <= LEAST_ALIKE:
         scatter, noise = max(scatter, least), max(noise, least)
     # Behind stops the acceleration is of a force that is not in the log.
-    if least > _UNEXPLAINED * noise and swing.steps > _STOPS_STEPS:
+    if not rigid and least > _UNEXPLAINED * noise and swing.steps > _STOPS_STEPS:
         for structure in plain:
+            stages.begin("travel stops")
             trials += _with_stops(structure, inside, windows, noise, least)
     unexplained = min(trial.residual_m for trial in trials) > _UNEXPLAINED * noise
-    if design.device.resonance is None and unexplained:
-        resonant = _structures(design, grid, lag, swing_hz, resonant=True)
+    if not rigid and design.device.resonance is None and unexplained:
+        stages.begin("a resonance")
+        resonant = _structures(design, grid, lag, swing.frequency_hz, resonant=True)
         trials += [_begin(structure, windows, noise) for structure in resonant]
     levels = _levels(trials, windows, noise)
-    fits = [_finish(trial, windows, levels, noise, scatter, seed) for trial in trials]
+    fits = []
+    for trial in trials:
+        stages.begin("errors of hand and delay")
+        fits.append(_finish(trial, windows, levels, noise, scatter, task.seed))
     return sorted((fit for fit in fits if fit is not None), key=lambda fit: fit.cost)
 
 

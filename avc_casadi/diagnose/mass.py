@@ -26,7 +26,8 @@ def apparent_mass_kg(log: Log, device: Device, *, known: bool) -> float:
     """Return the mass that the force moves up to the largest speed; negative along the motion, infinite for none.
 
     x(t) = -(1/m) (double integral of F + drag) + a start, a speed and, in a second trial, a constant push. The force is
-    summed twice as a held one acts. Drag and friction are those of a known device, against the motion or with it.
+    summed twice as a held one acts. Drag and friction are those of a known device, against the motion or with it. Of
+    an unknown device the drag is a part of the fit, c/m times the integral of x.
     """
     sample_time = log.sample_time_s
     force = log.held_force_n()
@@ -41,10 +42,13 @@ def apparent_mass_kg(log: Log, device: Device, *, known: bool) -> float:
     x = log.samples_m[peak + 1 - force.size : peak + 1]
     time = sample_time * np.arange(force.size)
     twice = np.append(0.0, np.cumsum(np.cumsum(force) - force / 2)[:-1]) * sample_time**2
-    drag = known * device.damping_ns_per_m * np.cumsum(x - x[:1]) * sample_time
+    path = np.cumsum(x - x[:1]) * sample_time
+    drag = known * device.damping_ns_per_m * path
     drag += known * device.coulomb_friction_n * time**2 / 2 * np.sign(x[-1:] - x[:1])
     for powers, sign in itertools.product((2, 3), (1, -1)):
         start = np.vander(time / time[-1], powers)
+        if not known:
+            start = np.column_stack([start, path])
         fit = regression(np.column_stack([twice + sign * drag, start]), x)
         without_force = regression(start, x)
         if fit is None or without_force is None:

@@ -12,6 +12,7 @@ from scipy import ndimage, signal
 
 from avc_casadi._util.arrays import BoolArray, FloatArray, IndexArray
 from avc_casadi.diagnose.clock import clock_of, ticks_between, usual_step
+from avc_casadi.diagnose.steady import levels_off
 from avc_casadi.identification.log import Columns, lattice_step
 
 Kind = Literal["none", "decaying", "growing", "limit cycle", "irregular"]
@@ -135,15 +136,6 @@ class _SteadyTest:
 _STEADY_TESTS = (_SteadyTest(20, 1.6, within_error=True), _SteadyTest(8, 12.0, within_error=False))
 """Twenty turning points, or eight where the encoder resolves them well."""
 
-_LEVELS_OFF_SHARE = 0.9
-"""Size to which the sizes of a swing tend, per size at its end, from which on it keeps that size."""
-
-_LEVELS_OFF_RATE = 0.08
-"""Change of ln(size) a cycle at the end up to which a swing that levels off is near the size that it keeps."""
-
-_LEVELS_OFF_SWINGS = 3
-"""Fewest swings in each third of a swing that levels off."""
-
 _ENDS_BY_CYCLES = 2.5
 """Cycles without a turning point at the end of a log up to which the oscillation lasts to the end."""
 
@@ -240,6 +232,11 @@ class Log:
     def held_force_n(self) -> FloatArray:
         """Return the force at each sample from the first tick on, N."""
         return np.repeat(self.force_n, np.diff(self.rows, append=self.samples_m.size))
+
+    def with_force_between(self) -> Log:
+        """Return the log with a force at missed ticks between those about them: the law ran, and the log lost it."""
+        ticks = np.arange(self.force_n.size)
+        return replace(self, force_n=np.interp(ticks, ticks[self.ran], self.force_n[self.ran]))
 
     def by_samples(self) -> Log:
         """Return the log on the grid of its samples, from the first tick on."""
@@ -544,28 +541,8 @@ def _steady_from(log: Log, turns: IndexArray, sizes: FloatArray, late_size: floa
         if abs(slope) < largest_slope:
             return int(turns[-test.turns])
     resolved = late_size > _STEADY_TESTS[-1].resolved_steps * log.encoder_m
-    levels_off_at = _levels_off(sizes[int(np.argmax(sizes)) :]) if resolved else None
+    levels_off_at = levels_off(sizes[int(np.argmax(sizes)) :]) if resolved else None
     return None if levels_off_at is None else int(turns[turns.size - 1 - levels_off_at])
-
-
-def _levels_off(sizes: FloatArray) -> int | None:
-    """Return how many of the last swings have about the size to which all tend; None where that is far, or none.
-
-    Sizes a + c r^n, as a swing has that falls to a limit cycle, have means m1, m2, m3 over their thirds of which
-    a = (m1 m3 - m2^2)/(m1 + m3 - 2 m2). One that dies away by a damper tends to 0, and one by dry friction below it.
-    """
-    count = sizes.size // 3
-    if count < _LEVELS_OFF_SWINGS:
-        return None
-    first, second, third = (float(part.mean()) for part in np.split(sizes[-3 * count :], 3))
-    slows_down_by = first + third - 2 * second
-    cycles = count / 2
-    if not (first > second > third and slows_down_by > 0):
-        return None
-    if math.log(second / third) > _LEVELS_OFF_RATE * cycles:
-        return None
-    tends_to = (first * third - second**2) / slows_down_by
-    return count if tends_to > _LEVELS_OFF_SHARE * third else None
 
 
 def _grows(sizes: FloatArray, late_size: float) -> bool:

@@ -61,6 +61,10 @@ _USUAL = {
     "force": "N, mN, kN, or N.m, mN.m (a current times the motor's constant), in the header as force_n or torque_nm",
 }
 """Usual units of each quantity, as faults name them."""
+_DECIMAL_COMMA = re.compile(r"[+-]?\d*,(\d+)(?:[eE][+-]?\d+)?")
+"""A number with a comma in place of a decimal point."""
+_THOUSANDS = 3
+"""Digits of a group of thousands."""
 # Exceptions of libraries at a file that is not of their kind.
 _UNREADABLE: tuple[type[Exception], ...] = (
     *(ValueError, TypeError, LookupError, NotImplementedError, EOFError, MemoryError, OverflowError),
@@ -218,7 +222,7 @@ def _table_of(content: str, file: str) -> _TextTable:
     _, sample = rows[min(1, len(rows) - 1)]
     mark = next((mark for mark in (";", "\t", ",") if mark in sample), None)
     row_lines = [number for number, _ in rows]
-    cells = list(_cells((row for _, row in rows), mark))
+    cells = _with_points(list(_cells((row for _, row in rows), mark)))
     width = len(cells[0])
     if any(_number(cell) is None for cell in cells[0]):
         return _TextTable(cells[1:], row_lines[1:], width, headers=cells[0], header_line=row_lines[0])
@@ -228,6 +232,20 @@ def _table_of(content: str, file: str) -> _TextTable:
         if len(names) == width:
             headers, header_line = names, number
     return _TextTable(cells, row_lines, width, headers, header_line)
+
+
+def _with_points(cells: list[list[str]]) -> list[list[str]]:
+    """Return cells with decimal points in place of decimal commas, as spreadsheets of some languages write them.
+
+    A comma in each place is that of decimals where no number has a point, and where one has other than three digits
+    behind it, as no group of thousands has.
+    """
+    rest = [cell for row in cells for cell in row if _number(cell) is None]
+    behind = [match[1] for match in map(_DECIMAL_COMMA.fullmatch, rest) if match]
+    with_point = any("." in cell for row in cells for cell in row if _number(cell) is not None)
+    if with_point or all(len(digits) == _THOUSANDS for digits in behind):
+        return cells
+    return [[cell.replace(",", ".") if _DECIMAL_COMMA.fullmatch(cell) else cell for cell in row] for row in cells]
 
 
 def _text(content: str, file: str, layout: Layout) -> Columns:
@@ -356,14 +374,17 @@ def _sources(
 
 
 def _split(header: str) -> tuple[str, str]:
-    """Return name and unit of ``position_mm``, ``position [mm]`` or ``position (mm)``."""
+    """Return name and unit of ``position_mm``, ``position [mm]``, ``position (mm)`` or ``position/mm``."""
     text = header.strip().strip('"')
     bracket = re.fullmatch(r"(.*?)\s*[\[(]\s*(\S+?)\s*[\])]", text)
     if bracket:
         return bracket[1].strip().lower(), bracket[2]
-    stem, _, last = text.rpartition("_")
-    known = last.lower() in {*_SPELT, *(unit for units in _UNITS.values() for unit in units)}
-    return (stem.lower(), last) if stem and known else (text.lower(), "")
+    known = {*_SPELT, *(unit for units in _UNITS.values() for unit in units)}
+    for mark in ("_", "/"):
+        stem, _, last = (part.strip() for part in text.rpartition(mark))
+        if stem and last.lower() in known:
+            return stem.lower(), last
+    return text.lower(), ""
 
 
 def _column(

@@ -290,3 +290,14 @@ def test_the_damping_ratio_is_that_of_a_pair_and_not_of_a_pole_that_alternates(m
     released = avc.certify_law(joint, k=k, b=b, remedies=False).released
     assert released.damping_ratio == pytest.approx(ratio, abs=6e-4)
     assert released.damping_ratio_hz == pytest.approx(hz, abs=0.06)
+
+
+@pytest.mark.parametrize(("k", "stable"), [(800.0, True), (30e3, False)])
+def test_without_limits_the_verdict_is_the_same_and_no_limit_is_stated(k, stable):
+    whole = avc.certify_law("spring", k=k, b=2.0, remedies=False)
+    quick = avc.certify_law("spring", k=k, b=2.0, remedies=False, limits=False)
+    assert quick.stable == whole.stable == stable
+    assert quick.cases == whole.cases
+    assert not quick.limited
+    assert quick.document()["largest_stiffness_n_per_m"] is None
+    assert quick.reason == (whole.reason if stable else "unstable")

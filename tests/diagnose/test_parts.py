@@ -15,6 +15,7 @@ from avc_casadi.diagnose.causes import diagnose, work_w
 from avc_casadi.diagnose.law import find_law
 from avc_casadi.diagnose.oscillation import find_oscillation, log_of
 from avc_casadi.diagnose.plant import Hypothesis, growth
+from avc_casadi.diagnose.steady import levels_off
 from avc_casadi.identification.log import Columns
 from avc_casadi.model.device import Device
 from avc_casadi.model.hands import Hand
@@ -146,3 +147,15 @@ def test_a_motion_that_is_fastest_before_any_force_acts_is_answered():
     log = Columns("log", time_s, np.round(position_m / 5e-6) * 5e-6, -30.0 * position_m)
     device = Device.model_validate({"mass_kg": 0.1, "damping_ns_per_m": 1.0, "sample_time_s": 1e-3, "delay_samples": 6})
     assert diagnose(log, device=device).verdict in {"nothing wrong", "cannot tell"}
+
+
+@pytest.mark.parametrize(("kept", "more", "ratio"), [(1.0, 3.0, 0.5), (1.0, 0.8, 0.6), (0.3, 4.0, 0.4)])
+def test_a_swing_that_falls_to_a_size_that_it_keeps_levels_off(kept, more, ratio):
+    assert levels_off(kept + more * ratio ** np.arange(15)) == 5
+
+
+@pytest.mark.parametrize(
+    "sizes", [0.8 ** np.arange(15), 0.97 ** np.arange(15), 1.0 - 0.06 * np.arange(15), 1 + np.arange(15), np.ones(8)]
+)
+def test_a_swing_that_dies_away_by_a_damper_or_by_friction_or_grows_does_not_level_off(sizes):
+    assert levels_off(sizes) is None

@@ -1,11 +1,14 @@
 """Swings that come to rest, dead zones, and laws on a clock of their own, in logs of a simulator of plain steps."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from held_device import held_log
 
 from avc_casadi.diagnose.causes import diagnose
 from avc_casadi.diagnose.clock import clock_of
+from avc_casadi.identification.log import Columns
 from avc_casadi.model.device import Device
 
 STEP = 2 * np.pi / 16384
@@ -140,3 +143,39 @@ def test_a_reversed_motor_beside_compensated_friction_is_named(size):
     log = held_log(law, **RUBS, ticks=1500, start=0.15, rotary=True, given_by=lambda force: -force)
     found = diagnose(log, device=device_of(RUBS))
     assert found.cause == "sign", found.conclusion
+
+
+@pytest.mark.parametrize("force_n", [0.0, -1.5])
+def test_a_device_that_stands_still_over_the_whole_log_is_said_to(force_n):
+    log = Columns("still", 1e-3 * np.arange(900), np.full(900, 0.0123), np.full(900, force_n))
+    found = diagnose(log)
+    assert found.verdict == "cannot tell"
+    assert "stands still over the whole log" in found.conclusion
+
+
+def test_a_dead_zone_is_seen_of_a_device_that_rests_after_two_swings():
+    friction = WHEEL | {"friction": 0.5, "delay": 1}
+
+    def law(_, seen, __):
+        return -20.0 * outside(seen, 0.01)
+
+    log = held_log(law, **friction, ticks=1800, start=0.14, rotary=True)
+    found = diagnose(log, device=device_of(friction))
+    assert found.verdict == "nothing wrong", found.conclusion
+    low, high = found.law.dead_zone_m
+    assert high - low == pytest.approx(0.02, rel=0.05)
+
+
+@pytest.mark.slow
+def test_rows_that_a_log_has_lost_leave_the_delay_where_it_is():
+    def law(_, seen, speed):
+        return -30.0 * seen - 0.1 * speed
+
+    loop = WHEEL | {"delay": 6}
+    log = held_log(law, **loop, ticks=1800, start=0.05, rotary=True)
+    meant = device_of(loop | {"delay": 1})
+    kept = np.random.default_rng(4).random(log.time_s.size) > 0.04
+    lost = replace(log, time_s=log.time_s[kept], position_m=log.position_m[kept], force_n=log.force_n[kept])
+    whole, with_gaps = (diagnose(each, device=meant) for each in (log, lost))
+    assert whole.cause == with_gaps.cause == "delay"
+    assert with_gaps.data()["measured"]["delay_samples"] == pytest.approx(6, abs=0.5)

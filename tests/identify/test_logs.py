@@ -39,10 +39,24 @@ def faults(path, layout=None, **options):
         ("time_s,position_m,force_n", (1, 1, 1), ","),
         ("t_ms;x_um;u_mN", (1e3, 1e6, 1e3), ";"),
         ("time [us]\tpos [mm]\tforce (N)", (1e6, 1e3, 1), "\t"),
+        ("t/ms;x/um;F/mN", (1e3, 1e6, 1e3), ";"),
     ],
 )
 def test_header_says_columns_and_units(tmp_path, header, scale, mark):
     same(read_logs([csv(tmp_path / "a.csv", header, scale, mark)])[0])
+
+
+def test_a_decimal_comma_is_read_where_nothing_else_has_a_point_and_a_group_of_thousands_is_not(tmp_path):
+    path = csv(tmp_path / "a.csv", "time_s;position_m;force_n", mark=";")
+    path.write_text(path.read_text().replace(".", ","))
+    same(read_logs([path])[0])
+    mixed = path.read_text().splitlines()
+    mixed[5] = mixed[5].replace(",", ".")
+    (tmp_path / "b.csv").write_text("\n".join(mixed))
+    assert {fault.key for fault in faults(tmp_path / "b.csv")} == {"time", "position", "force"}
+    rows = "\n".join(f"{tick};{tick},000;1" for tick in range(1, 100))
+    (tmp_path / "c.csv").write_text(f"time_ms;position_um;force_n\n{rows}\n")
+    assert {fault.key for fault in faults(tmp_path / "c.csv")} == {"position"}
 
 
 def test_numbers_of_columns_and_units_by_option(tmp_path):
