@@ -29,6 +29,18 @@ Finding = tuple[Path, str]
 
 UNKNOWN = "is not a known key; "
 """Beginning of the finding of a mistyped key."""
+_SYMBOLS = {
+    "k": "stiffness_n_per_m",
+    "kp": "stiffness_n_per_m",
+    "b": "damping_ns_per_m",
+    "d": "damping_ns_per_m",
+    "kd": "damping_ns_per_m",
+    "ki": "integral_n_per_m_s",
+    "m": "mass_kg",
+    "dt": "sample_time_s",
+    "ts": "sample_time_s",
+}
+"""Symbols that control engineers write, and the key of the same meaning; in a rotary file it has its rotary name."""
 _ALLOWED = {"bool_type": "true or false", "tuple_type": "a list", "dict_type": "a table"}
 
 
@@ -172,7 +184,7 @@ def _findings(table: type[Table], error: ValidationError, value: Any) -> Iterato
 def _unknown(table: type[Table], key: str) -> str:
     """Return the fault of a key that a table has not, with the one that is meant if any is close."""
     known = [name for name in table.model_fields if name != "name"]
-    linear = ROTARY.inner(key)
+    linear = _SYMBOLS.get(key.lower(), ROTARY.inner(key))
     near = [linear] if linear in known else difflib.get_close_matches(key[:60], known, n=5)
     # One that begins with the same word comes first.
     near.sort(key=lambda known_key: known_key.split("_")[0] != key.split("_", maxsplit=1)[0])

@@ -176,3 +176,18 @@ def test_any_tables_are_a_problem_or_refused_by_key(tables):
     except avc.InputError as error:
         refusal = error
     assert refusal is None or all(fault.key and fault.message for fault in refusal.faults)
+
+
+@pytest.mark.parametrize(
+    ("table", "symbol", "key"),
+    [
+        ("environment", "k", "stiffness_n_per_m"),
+        ("device", "m", "mass_kg"),
+        ("device", "dt", "sample_time_s"),
+        ("law", "Kp", "stiffness_n_per_m"),
+        ("law", "ki", "integral_n_per_m_s"),
+    ],
+)
+def test_the_symbol_of_a_value_leads_to_its_key(table, symbol, key):
+    with pytest.raises(avc.InputError, match=rf"{table}\.{symbol}.* did you mean {key}\?"):
+        avc.Problem(**{table: {symbol: 1.0}})
