@@ -24,7 +24,7 @@ from avc_casadi.claims.handle_port import HandlePassivity, passivity
 from avc_casadi.claims.law_limits import LawLimits, stacked
 from avc_casadi.claims.sensor_motion import drift, velocity_noise
 from avc_casadi.claims.stated_law import AnyLaw
-from avc_casadi.files.admittance_file import AnyAdmittance, as_admittance
+from avc_casadi.files.admittance_file import AnyAdmittance, as_admittance, label_of
 from avc_casadi.loops.handle import Handle, HandleFamily, HandleSide, Pair, leading_poles, plants_of
 from avc_casadi.loops.loop import Body
 from avc_casadi.loops.margins import LEAST_DISK, SOUND_DISK, Margins, OpenLoop, damping_ratios
@@ -428,7 +428,7 @@ def certify_admittance(
         stated = stated.changed(law={"admittance": dict(law)})
     if stated.law is None:
         allowed = "allowed: [law] with admittance = { mass_kg, damping_ns_per_m }, or these values"
-        raise InputError.of(f"is missing; {allowed}", file=stated.name or "problem", key="law")
+        raise InputError.of(f"is missing; {allowed}", file=label_of(problem), key="law")
     own = stated.law.admittance
     analysis = HandleAnalysis(stated)
     ways = tuple(_ways(own, stated)) if remedies else ()

@@ -26,7 +26,7 @@ from avc_casadi.claims.admittance import HandleVerdict, Interval, SensorAnalysis
 from avc_casadi.claims.handle_port import passivity
 from avc_casadi.claims.law_limits import LawLimits, LimitSide, NumberLaws, nearest_limit
 from avc_casadi.claims.stated_law import noise_gain
-from avc_casadi.files.admittance_file import AnyForceFeedback, as_force_feedback
+from avc_casadi.files.admittance_file import AnyForceFeedback, as_force_feedback, label_of
 from avc_casadi.loops.handle import leading_poles
 from avc_casadi.model.control_law import LawNumber
 from avc_casadi.model.law import Law
@@ -80,9 +80,11 @@ class ForceFeedbackCertificate(HandleVerdict):
 
     @property
     def cause(self) -> str:
-        """Which number of an unstable law is beyond which limit."""
-        period = self.problem.device.sample_time_s
-        beyond = nearest_limit(self.law, {**self.intervals, self.law.gain_number.key: self.gain_range}, period)
+        """Which number of an unstable law is beyond which limit: the gain, where the rest is stable without it."""
+        gain = self.law.gain_number
+        if self.law.force_feedback and self.gain_range is not None and not self.gain_range[0]:
+            return f"{gain.key} {self.law.gain:.4g} is above its largest, {self.gain_range[1]:.4g}"
+        beyond = nearest_limit(self.law, self.intervals, self.problem.device.sample_time_s)
         if beyond.side is LimitSide.NONE_STABLE:
             return "no change of a single number of the law is enough"
         side = "below its lowest" if beyond.side is LimitSide.BELOW else "above its largest"
@@ -120,7 +122,7 @@ def certify_force_feedback(
         stated = stated.changed(law=dict(law))
     if stated.law is None:
         allowed = "allowed: [law] with force_feedback = { gain, cutoff_hz }, a spring or a damper"
-        raise InputError.of(f"is missing; {allowed}", file=stated.name or "problem", key="law")
+        raise InputError.of(f"is missing; {allowed}", file=label_of(problem), key="law")
     own = stated.law
     analysis = SensorAnalysis(stated)
     limits = LawLimits(analysis.family, measure=leading_poles)

@@ -102,7 +102,9 @@ class _Search:
                 last = values[first - 1] if first else last
                 return self._last_count(last, values[first]) if self.number.whole else self._edge(last, values[first])
             last = values[-1]
-        return self.number.lowest if sign < 0 else self.number.highest
+        if sign > 0:
+            return self.number.highest
+        return -math.inf if self.number.unlimited_below else self.number.lowest
 
     def _last_count(self, stable: float, unstable: float) -> float:
         """Return the last stable count between a stable and an unstable one, by halving."""

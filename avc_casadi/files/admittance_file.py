@@ -15,9 +15,9 @@ from avc_casadi._util.json_values import plain
 from avc_casadi.files.border import Border
 from avc_casadi.files.catalogue import ADMITTANCE, admittance_names, require_source
 from avc_casadi.files.toml import KeyLines, tables_of, text_of, toml_lines
-from avc_casadi.model.admittance import AdmittanceProblem
+from avc_casadi.model.admittance import ADMITTANCE_DRIVES, AdmittanceProblem
 from avc_casadi.model.sensed import ForceFeedbackProblem, SensorProblem
-from avc_casadi.model.table import Finding, dotted, refused, shown
+from avc_casadi.model.table import Finding, dotted, one_of, refused, shown
 
 AnyAdmittance = AdmittanceProblem | str | Path | Mapping[str, Any]
 """An admittance problem, a path or a name as `load_admittance` takes it, or the tables of such a file as a dict."""
@@ -26,10 +26,10 @@ AnyForceFeedback = ForceFeedbackProblem | str | Path | Mapping[str, Any]
 """The same of a device with a force sensor that is commanded a force."""
 
 VERBS = "check, certify, recommend, explore, trial, zwidth and export"
-"""Commands that know admittance devices."""
+"""Commands for admittance devices."""
 _SENSORS = ("force_sensor", "torque_sensor")
 _OF_A_DRIVE = ("drive_bandwidth_hz", "drive_order", "drive_damping_ratio")
-_OF_FORCE = "is commanded a force and has a force sensor: check and certify know it, nothing else does"
+_DRIVES = ("force", *ADMITTANCE_DRIVES)
 
 
 def states_drive(tables: Mapping[str, Any]) -> bool:
@@ -42,22 +42,35 @@ def _model_of(tables: Mapping[str, Any]) -> type[AdmittanceProblem | ForceFeedba
     device = tables.get("device")
     if not isinstance(device, Mapping):
         return None
-    if device.get("drive", "force") != "force":
+    drive = device.get("drive")
+    if drive in ADMITTANCE_DRIVES:
         return AdmittanceProblem
-    if "drive" not in device and any(key in device for key in _OF_A_DRIVE):
-        # It is read as what its keys are of, so that the error is the one key that is missing.
+    # Without a drive that is known it is read as what its keys are of, so that the error is that key alone.
+    if drive != "force" and any(key in device for key in _OF_A_DRIVE):
         return AdmittanceProblem
-    return ForceFeedbackProblem if any(key in device for key in _SENSORS) else None
+    if any(key in device for key in _SENSORS):
+        return ForceFeedbackProblem
+    return AdmittanceProblem if "drive" in device and drive != "force" else None
 
 
 def refuse_admittance(tables: Mapping[str, Any], file: str) -> None:
     """Refuse a device with a force sensor where any other is commanded a force."""
     model = _model_of(tables)
+    if model is None:
+        return
+    if tables["device"].get("drive", "force") not in _DRIVES:
+        result = _of_tables(tables, "")
+        raise refused(result if isinstance(result, list) else [], file)
     if model is AdmittanceProblem:
         fact = f"{file}: device.drive is {shown(tables['device'].get('drive', 'missing'))}"
-        raise UnsupportedError(f"{fact}: {VERBS} know such an admittance device, nothing else does", key="")
-    if model is ForceFeedbackProblem:
-        raise UnsupportedError(f"{file}: the device {_OF_FORCE}", key="")
+        raise UnsupportedError(f"{fact}; this is not supported for an admittance device, but {VERBS} are", key="")
+    raise _unsupported_feedback(file)
+
+
+def _unsupported_feedback(file: str) -> UnsupportedError:
+    """Return what refuses a device with force feedback where something needs another device."""
+    fact = f"{file}: the device is commanded a force and has a force sensor, which this does not support"
+    return UnsupportedError(f"{fact}; use avc check or avc certify {file}", key="")
 
 
 def is_admittance(source: object) -> bool:
@@ -102,7 +115,7 @@ def load_sensor_problem(source: str | Path) -> SensorProblem:
 def _of_velocity(problem: SensorProblem, file: str) -> AdmittanceProblem:
     """Return an admittance problem, or refuse that of a device that is commanded a force."""
     if isinstance(problem, ForceFeedbackProblem):
-        raise UnsupportedError(f"{file}: the device {_OF_FORCE}", key="")
+        raise _unsupported_feedback(file)
     return problem
 
 
@@ -131,14 +144,21 @@ def _parsed(text: str, file: str, name: str) -> SensorProblem:
 
 def as_admittance(problem: AnyAdmittance) -> AdmittanceProblem:
     """Return an admittance problem unchanged, or load its file or name, or make it of its tables."""
-    return _of_velocity(_as_sensor_problem(problem), "the problem")
+    return _of_velocity(_as_sensor_problem(problem), label_of(problem))
+
+
+def label_of(problem: AnyAdmittance | AnyForceFeedback) -> str:
+    """Return what errors call a problem: its path or name as given; of tables and objects the name of their file."""
+    if isinstance(problem, str | Path):
+        return str(problem)
+    return problem.typed_name if isinstance(problem, AdmittanceProblem | ForceFeedbackProblem) else "the problem"
 
 
 def as_force_feedback(problem: AnyForceFeedback) -> ForceFeedbackProblem:
     """Return a problem of force feedback unchanged, or load its file or name, or make it of its tables."""
     stated = _as_sensor_problem(problem)
     if isinstance(stated, AdmittanceProblem):
-        fact = f"{stated.name or 'the problem'}: device.drive is {shown(stated.device.drive)}"
+        fact = f"{label_of(problem)}: device.drive is {shown(stated.device.drive)}"
         raise UnsupportedError(f"{fact}: avc.certify_admittance judges such an admittance device", key="")
     return stated
 
@@ -163,6 +183,12 @@ def _of_tables(tables: Mapping[str, Any], name: str) -> SensorProblem | list[Fin
         why = "is not supported for a device with a force sensor; state all values in [device]"
         return [(("device", "from"), why)]
     border = Border()
+    drive = device.get("drive", "force") if isinstance(device, Mapping) else "force"
+    if isinstance(device, Mapping) and drive not in _DRIVES:
+        unknown = f"is {shown(drive)}; allowed: {one_of(list(_DRIVES), drive)}"
+        if not any(key in device for key in (*_OF_A_DRIVE, *_SENSORS)):
+            return [(("device", "drive"), unknown)]  # nothing says which other keys are right
+        border.fault(("device", "drive"), unknown)
     border.read(tables, *border.device_table(tables.get("device"), {}))
     return border.checked(_model_of(tables) or AdmittanceProblem, name)
 

@@ -37,8 +37,6 @@ Interval = tuple[float, float]
 _SensorStiffness = Annotated[float, BeforeValidator(q.Quantity("N/m", 1.0, STIFFEST_CONTACT_N_PER_M, zero=False))]
 _HandleMass = Annotated[float, BeforeValidator(q.Quantity("kg", 1e-6, 1e4, zero=False))]
 _Contacts = Annotated[Interval, BeforeValidator(IntervalOf(q.Quantity("N/m", 1e-3, STIFFEST_CONTACT_N_PER_M)))]
-MOST_DELAY_SAMPLES = 32
-"""Longest delay for which loops are computed, as of other devices."""
 
 
 class ForceSensor(t.Table):
@@ -70,7 +68,7 @@ class AdmittanceRange(t.Table):
     """Ranges of the device's values: each value [lowest, highest] about the nominal one, or None."""
 
     drive_bandwidth_hz: q.Pair[q.Hertz] | None = None
-    delay_samples: q.Pair[q.DelaySamples] | None = None
+    delay_samples: q.Pair[q.LoopDelaySamples] | None = None
     sensor_stiffness_n_per_m: q.Pair[_SensorStiffness] | None = None
     handle_mass_kg: q.Pair[_HandleMass] | None = None
 
@@ -93,7 +91,7 @@ class AdmittanceDevice(HandledDevice):
     drive_order: Literal[1, 2] = 1
     drive_damping_ratio: q.LoopDampingRatio = DRIVE_DAMPING_RATIO
     sample_time_s: q.SampleTime = 1e-3
-    delay_samples: q.DelaySamples = 0
+    delay_samples: q.LoopDelaySamples = 0
     max_speed_m_per_s: q.Speed | None = None
     force_sensor: ForceSensor
     range: AdmittanceRange = AdmittanceRange()
@@ -119,7 +117,7 @@ class AdmittanceDevice(HandledDevice):
         return {key: interval for key, interval in self.range if interval is not None}
 
     def faults(self) -> Iterator[t.Finding]:
-        """Yield a radius that is missing or means nothing, a delay that is too long, and ranges about other values."""
+        """Yield a radius that is missing or means nothing, and ranges about other values."""
         if self.motion == "rotary" and self.handle_radius_m is None:
             message = "is missing; give the distance from the axis to the hand, 0.002 to 10 m"
             yield ("handle_radius_m",), message
@@ -128,8 +126,6 @@ class AdmittanceDevice(HandledDevice):
         if self.drive == "position" and self.drive_order == 1:
             why = 'with drive = "position", whose steps a drive of first order would follow with a jump of its velocity'
             yield ("drive_order",), f"is 1; allowed: 2 {why}"
-        if max(self.delay_samples, *(self.range.delay_samples or (0.0,))) > MOST_DELAY_SAMPLES:
-            yield ("delay_samples",), f"is above {MOST_DELAY_SAMPLES} (or its range is); allowed: at most that"
         for key, interval in self.ranges.items():
             if not interval[0] <= self.value(key) <= interval[1]:
                 stated = f"{key} = {t.shown(self.value(key))}"
@@ -267,6 +263,13 @@ class HandledProblem(t.Table):
         return {**tables, "hands": {**defaults_at(Hands, radius), **hands}}
 
     @property
+    def typed_name(self) -> str:
+        """The problem as a user types it: a name of the catalogue, or a file."""
+        if not self.name:
+            return "problem.toml"
+        return self.name if "/" in self.name else f"{self.name}.toml"
+
+    @property
     def end(self) -> Contact:
         """What the device meets beyond a hand."""
         return self.contact
@@ -284,7 +287,7 @@ class HandledProblem(t.Table):
     def changed(self, **tables: Any) -> Self:
         """Return the problem with some keys changed, validated as a file is: by table, a dict of keys or a value."""
         whole = self.model_dump(exclude_unset=True)
-        return t.valid(type(self), _merged(whole, tables), self.name or "problem", self.name)
+        return t.valid(type(self), _merged(whole, tables), self.typed_name, self.name)
 
 
 class AdmittanceProblem(HandledProblem):

@@ -238,7 +238,7 @@ _GAINS = (
 class LawNumber:
     """A number of a law: where it stands, its value, and between which values it may lie.
 
-    `linear`: every matrix of the law is affine in it.
+    `linear`: every matrix of the law is affine in it. `unlimited_below`: a search ends at the lowest, not the number.
     """
 
     path: NumberPath
@@ -246,6 +246,7 @@ class LawNumber:
     lowest: float = 0.0
     highest: float = math.inf
     linear: bool = False
+    unlimited_below: bool = False
 
     @property
     def key(self) -> str:
@@ -454,7 +455,12 @@ class ControlLaw(t.Table):
         ]
         for path, table in tables:
             inner += [
-                LawNumber((*path, key), value, *_bounds(key, value, table, sample_time_s))
+                LawNumber(
+                    (*path, key),
+                    value,
+                    *_bounds(key, value, table, sample_time_s),
+                    unlimited_below=key.endswith("_hz"),
+                )
                 for key, value in table
                 if key not in ("kind", "order", "numerator", "denominator")
             ]

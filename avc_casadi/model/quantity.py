@@ -248,6 +248,8 @@ class Whole:
 
 
 LEAST_DELAY_SAMPLES = 1e-3
+MOST_LOOP_DELAY_SAMPLES = 32
+"""Longest delay for which the loops of a device with a force sensor are computed."""
 
 
 def _whole(number: float) -> float:
@@ -314,6 +316,8 @@ DiskMargin = Annotated[float, BeforeValidator(Quantity("", 0.01, 1, zero=False))
 GainMargin = Annotated[float, BeforeValidator(Quantity("", 1, 4, zero=False))]
 _Samples = BeforeValidator(Quantity("samples", LEAST_DELAY_SAMPLES, 1000))
 DelaySamples = Annotated[int | float, _Samples, AfterValidator(_whole)]
+_FewSamples = BeforeValidator(Quantity("samples", LEAST_DELAY_SAMPLES, MOST_LOOP_DELAY_SAMPLES))
+LoopDelaySamples = Annotated[int | float, _FewSamples, AfterValidator(_whole)]
 Substeps = Annotated[int, BeforeValidator(Whole(1, 1000))]
 Points = Annotated[int, BeforeValidator(Whole(1, MOST_FREQUENCIES))]
 Seed = Annotated[int, BeforeValidator(Whole(0, 2**32 - 1))]

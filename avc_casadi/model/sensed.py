@@ -18,7 +18,6 @@ from scipy.linalg import block_diag
 from avc_casadi.model import quantity as q
 from avc_casadi.model import table as t
 from avc_casadi.model.admittance import (
-    MOST_DELAY_SAMPLES,
     AdmittanceDevice,
     AdmittanceProblem,
     ForceSensor,
@@ -26,13 +25,20 @@ from avc_casadi.model.admittance import (
 )
 from avc_casadi.model.control_law import ControlLaw, LawNumber, TicksVelocity
 from avc_casadi.model.corners import device_ranges, device_with
-from avc_casadi.model.device import Device
+from avc_casadi.model.device import Device, DeviceRange
 from avc_casadi.model.law import Law
 
 _Gain = Annotated[float, BeforeValidator(q.Quantity("", 1e-6, 1e3))]
 _GAIN = ("force_feedback", "gain")
 _CUTOFF = ("force_feedback", "cutoff_hz")
 _LOWEST_CUTOFF_HZ = 1e-3
+"""Where a search of cutoffs ends: a lower one hardly feels a force at all."""
+
+
+class SensedRange(DeviceRange):
+    """Ranges of the device's values."""
+
+    delay_samples: q.Pair[q.LoopDelaySamples] | None = None
 
 
 class SensedDevice(Device):
@@ -43,15 +49,15 @@ class SensedDevice(Device):
     """
 
     drive: Literal["force"] = "force"
+    delay_samples: q.LoopDelaySamples = 0
     force_sensor: ForceSensor
+    range: SensedRange = SensedRange()
 
     def faults(self) -> Iterator[t.Finding]:
-        """Yield the faults of any device, no mass to drive, and a delay that is too long."""
+        """Yield the faults of any device, and no mass to drive."""
         yield from super().faults()
         if self.mass_kg == 0 and self.resonance is None:
             yield ("mass_kg",), "is 0; allowed: above 0, the mass before the sensor"
-        if max(self.delay_samples, *(self.range.delay_samples or (0.0,))) > MOST_DELAY_SAMPLES:
-            yield ("delay_samples",), f"is above {MOST_DELAY_SAMPLES}, or its range is; allowed: at most that"
 
     @property
     def ranges(self) -> dict[str, tuple[float, float]]:
@@ -139,7 +145,11 @@ class SensedLaw(ControlLaw):
             return numbers
         cutoff_hz = self.force_feedback.cutoff_hz
         feedback = [self.gain_number] if self.gain else []
-        low_pass = [LawNumber(_CUTOFF, cutoff_hz, _LOWEST_CUTOFF_HZ)] if self.gain and cutoff_hz else []
+        low_pass = (
+            [LawNumber(_CUTOFF, cutoff_hz, min(_LOWEST_CUTOFF_HZ, cutoff_hz), unlimited_below=True)]
+            if self.gain and cutoff_hz
+            else []
+        )
         return [*feedback, *numbers, *low_pass]
 
 

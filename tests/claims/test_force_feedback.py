@@ -13,6 +13,8 @@ from avc_casadi.loops.handle import HandleFamily, plants_of
 from avc_casadi.loops.loop import Body
 from avc_casadi.loops.wall import closed
 from avc_casadi.model.hands import Hand
+from avc_casadi.present import rows
+from avc_casadi.present.row import Mark
 
 CARRIED = ((0.0, 0.0, 0.0), (0.6, 8.0, 500.0), (2.0, 5.0, 2e4), (0.0, 20.0, 1e6))
 
@@ -158,6 +160,36 @@ def test_a_slow_hand_moves_the_mass_over_one_plus_the_gain():
     moved = handle_impedance(plain, hz)
     assert moved.imag / (2 * math.pi * hz) == pytest.approx(4.0 / 2.5 + 0.3, rel=0.05)
     assert moved.real == pytest.approx((8.0 + 20.0) / 2.5, rel=0.05)
+
+
+def test_the_gain_is_the_cause_where_the_rest_of_the_law_is_stable_without_it():
+    law = {"force_feedback": {"gain": 46.0, "cutoff_hz": 200.0}, "damping_ns_per_m": 20.0}
+    stated = avc.certify_force_feedback(rail(law, amplifier_bandwidth_hz=1000.0))
+    assert stated.reason == f"unstable: force_feedback.gain 46 is above its largest, {stated.gain_range[1]:.4g}"
+    assert stated.intervals["force_feedback.cutoff_hz"][0] > 200.0
+    soft = avc.certify_force_feedback(rail({"damping_ns_per_m": 2e4}))
+    assert "damping_ns_per_m 2e+04 is above its largest" in soft.reason
+    assert "Stable gain" not in str(soft)
+    assert "Ideal loop" not in str(soft)
+
+
+def test_a_low_pass_that_no_cutoff_makes_unstable_has_no_limit():
+    law = {"force_feedback": {"gain": 0.02, "cutoff_hz": 200.0}, "damping_ns_per_m": 20.0}
+    stated = avc.certify_force_feedback(rail(law))
+    assert stated.intervals["force_feedback.cutoff_hz"] == (-math.inf, math.inf)
+    low_pass = next(row for row in rows.force_feedback.certificate(stated).rows if row.label == "Stable low pass")
+    assert low_pass.values == ("any",)
+
+
+def test_check_names_what_lies_above_half_the_sample_rate_and_what_is_assumed():
+    law = {"force_feedback": {"gain": 1.0, "cutoff_hz": 1500.0}, "damping_ns_per_m": 20.0}
+    tables = rail(law, amplifier_bandwidth_hz=3000.0)
+    del tables["hands"]
+    problem = avc.ForceFeedbackProblem.model_validate(tables)
+    named = [doubt.split(" ")[0] for doubt in rows.force_feedback.doubts_of(problem)]
+    assert named == ["device.amplifier_bandwidth_hz", "law.force_feedback.cutoff_hz"]
+    marks = {row.label: row.mark for row in rows.force_feedback.checked(problem, "rail.toml").rows}
+    assert marks["Hands"] is Mark.CAUTION
 
 
 def test_a_device_without_a_wall_knows_its_noise_and_prints_its_rows():

@@ -5,7 +5,13 @@ from quick import first
 
 import avc_casadi as avc
 from avc_casadi.cli import main
-from avc_casadi.files.admittance_file import dump_admittance, is_admittance, load_sensor_problem, parse_admittance
+from avc_casadi.files.admittance_file import (
+    as_admittance,
+    dump_admittance,
+    is_admittance,
+    load_sensor_problem,
+    parse_admittance,
+)
 from avc_casadi.files.catalogue import admittance_names
 
 ARM = """
@@ -71,8 +77,9 @@ def test_those_of_the_catalogue_are_read_and_deployable(name):
     ("old", "new", "fault"),
     [
         ('drive = "velocity"', 'drive = "position"', "device.drive_order: is 1; allowed: 2 with drive"),
-        ('drive = "velocity"', 'drive = "speed"', 'device.drive: is "speed"; allowed: "velocity", "position"'),
-        ("delay_samples = 2", "delay_samples = 40", "device.delay_samples: is above 32"),
+        ('drive = "velocity"', 'drive = "speed"', 'drive: is "speed"; allowed: "force", "velocity", "position"'),
+        ("delay_samples = 2", "delay_samples = 40", "device.delay_samples: is 40; allowed: 0 or 0.001 to 32"),
+        ("delay_samples = 2", "delay_samples = -1", "device.delay_samples: is -1; allowed: 0 or 0.001 to 32"),
         ('"200 N/mm"', "0", "device.force_sensor.stiffness_n_per_m: is 0"),
         ('"800 g"', "0", "device.force_sensor.handle_mass_kg: is 0"),
         ("mass_kg = 8, damping_ns_per_m = 120", "mass_kg = 0, damping_ns_per_m = 0", "mass_kg: is 0, as is damping"),
@@ -203,13 +210,22 @@ torque_feedback = { gain = 1.0 }
         ("damping_ns_per_m = 20", "dead_zone_m = 1e-3\nstiffness_n_per_m = 9", "law.dead_zone_m: is not judged"),
         ("damping_ns_per_m = 20", "rate_divider = 2", "law.rate_divider: is not judged"),
         ("mass_kg = 4", "mass_kg = 0", "device.mass_kg: is 0; allowed: above 0"),
-        ("delay_samples = 1", "delay_samples = 40", "device.delay_samples: is above 32"),
+        ("delay_samples = 1", "delay_samples = 40", "device.delay_samples: is 40; allowed: 0 or 0.001 to 32"),
+        ("delay_samples = 1", "delay_samples = -1", "device.delay_samples: is -1; allowed: 0 or 0.001 to 32"),
+        ("[device]", '[device]\ndrive = "forc"', 'device.drive: is "forc"; allowed: "force", "velocity", "position"'),
         ("[device]", '[device]\nfrom = "knob"', "device.from: is not supported for a device with a force sensor"),
     ],
 )
 def test_a_fault_of_force_feedback_names_its_key(tmp_path, old, new, fault):
     with pytest.raises(avc.InputError, match=fault):
         load_sensor_problem(rail(tmp_path, old, new))
+
+
+@pytest.mark.parametrize("tables", [{"mass_kg": 1.0}, {}])
+def test_a_drive_that_no_device_has_is_the_one_fault_where_no_other_key_says_what_it_is(tables):
+    with pytest.raises(avc.InputError) as refused:
+        as_admittance({"device": {"drive": "torque", **tables}})
+    assert [fault.key for fault in refused.value.faults] == ["device.drive"]
 
 
 def test_force_feedback_without_a_sensor_is_refused_and_a_plain_device_may_state_its_drive():
@@ -226,9 +242,9 @@ def test_verbs_that_do_not_know_force_feedback_refuse_it(command, tmp_path, monk
     rail(tmp_path)
     monkeypatch.chdir(tmp_path)
     assert main(command.replace("P", "rail.toml", 1).split()) == 2
-    assert "has a force sensor: check and certify know it, nothing else does" in capsys.readouterr().err
+    assert "which this does not support; use avc check or avc certify rail.toml" in capsys.readouterr().err
     for call in (avc.recommend, avc.certify_law, avc.certify_admittance, avc.load_admittance):
-        with pytest.raises(avc.UnsupportedError, match="check and certify know it"):
+        with pytest.raises(avc.UnsupportedError, match=r"use avc check or avc certify rail.toml"):
             call("rail.toml")
     with pytest.raises(avc.UnsupportedError, match=r"avc.certify_admittance judges such"):
         avc.certify_force_feedback("admittance/cobot")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Mapping
 from shlex import quote
 
 import numpy as np
@@ -18,7 +19,6 @@ from avc_casadi.claims.admittance import (
 from avc_casadi.claims.handle_port import HandlePassivity
 from avc_casadi.claims.mass_width import MassWidth
 from avc_casadi.claims.sensor_motion import speed_at_rest
-from avc_casadi.files.catalogue import admittance_names
 from avc_casadi.files.new_admittance import NewAdmittance
 from avc_casadi.files.new_options import CONTACT
 from avc_casadi.loops.handle import Handle
@@ -63,11 +63,6 @@ _KNOWN_DELAY_SAMPLES = 0.5
 """A data sheet tells a delay no better than to this part of a sample."""
 _SHOWN_DAMPINGS = 6
 """Dampings of a region that an answer lists."""
-
-
-def name_of(problem: SensorProblem) -> str:
-    """Return the problem as a user types it: a name of the catalogue, or a file."""
-    return problem.name if problem.name in admittance_names() else f"{problem.name or 'problem'}.toml"
 
 
 def device_line(device: AdmittanceDevice) -> tuple[Part, ...]:
@@ -119,26 +114,47 @@ def checked(problem: AdmittanceProblem, doubts: tuple[str, ...], shown: str, ref
 
 def doubts_of(problem: AdmittanceProblem) -> tuple[str, ...]:
     """Return what is unusual of an admittance device, though it is valid."""
-    device, key = problem.device, problem.units.key
-    nyquist_hz = 0.5 / device.sample_time_s
-    found = []
-    if device.drive_bandwidth_hz > nyquist_hz:
-        why = f"is {as_in_file(device.drive_bandwidth_hz)}, above half the sample rate; is the unit right?"
-        found.append(f"device.drive_bandwidth_hz {why}")
-    if not problem.contact.touches:
-        found.append("contact.stiffness_n_per_m is 0: the handle touches nothing, and stiff contacts limit such a law")
-    if not 1e3 <= device.force_sensor.stiffness_n_per_m / device.metres_per_unit**2 <= 1e8:
-        value = as_in_file(device.force_sensor.stiffness_n_per_m)
-        name = key("device.force_sensor.stiffness_n_per_m")
-        found.append(f"{name} is {value}: usual 1e3 to 1e8 N/m at the handle; is the unit right?")
+    device = problem.device
+    frequencies = {
+        "device.drive_bandwidth_hz": device.drive_bandwidth_hz,
+        "law.admittance.cutoff_hz": None if problem.law is None else problem.law.admittance.cutoff_hz,
+    }
+    found = [*above_nyquist(frequencies, problem), *contact_doubts(problem), *sensor_doubts(problem)]
     if device.drive_order == 1 and device.drive_damping_ratio != DRIVE_DAMPING_RATIO:
         found.append("device.drive_damping_ratio has no effect on a drive of first order; set device.drive_order = 2")
     return tuple(found)
 
 
+def above_nyquist(frequencies: Mapping[str, float | None], problem: SensorProblem) -> Iterator[str]:
+    """Yield which frequencies, by key, lie above half the sample rate, where they have no meaning."""
+    half_rate_hz = 0.5 / problem.device.sample_time_s
+    for key, frequency_hz in frequencies.items():
+        if frequency_hz is not None and frequency_hz > half_rate_hz:
+            value, half = as_in_file(frequency_hz), as_in_file(half_rate_hz)
+            yield f"{problem.units.key(key)} is {value}, above half the sample rate, {half} Hz; is the unit right?"
+
+
+def contact_doubts(problem: SensorProblem) -> Iterator[str]:
+    """Yield that a handle touches nothing."""
+    if not problem.contact.touches:
+        key = problem.units.key("contact.stiffness_n_per_m")
+        yield f"{key} is 0: the handle touches nothing, and stiff contacts limit such a law"
+
+
+def sensor_doubts(problem: SensorProblem) -> Iterator[str]:
+    """Yield a stiffness of the sensor that is unusual at the handle."""
+    device, stiffness = problem.device, problem.device.force_sensor.stiffness_n_per_m
+    if not 1e3 <= stiffness / device.metres_per_unit**2 <= 1e8:
+        name = problem.units.key("device.force_sensor.stiffness_n_per_m")
+        yield f"{name} is {as_in_file(stiffness)}: usual 1e3 to 1e8 N/m at the handle; is the unit right?"
+
+
 def end_rows(problem: SensorProblem) -> list[Row]:
-    """Return the hands and the contact that a handle is judged with."""
-    hands = row("Hands", _hands_line(problem), "; released in addition")
+    """Return the hands and the contact that a handle is judged with; assumed hands are marked."""
+    assumed = "hands" not in problem.model_fields_set
+    remedy = "; state [hands] of your user" if assumed else ""
+    line = ("assumed:" if assumed else None, _hands_line(problem), "; released in addition", remedy)
+    hands = row("Hands", line, mark=caution(assumed))
     return [hands, row("Contact", _contact_line(problem.contact))]
 
 
@@ -162,7 +178,7 @@ def _contact_line(contact: Contact) -> tuple[Part, ...]:
 def certificate(result: AdmittanceCertificate, shown: str = "") -> Answer:
     """Return the answer of `certify` of an admittance law."""
     problem = result.problem
-    shown = shown or name_of(problem)
+    shown = shown or problem.typed_name
     sound = result.disk_margin >= SOUND_DISK
     mark = Mark.FAIL if not result.passed else grade(sound, Mark.CAUTION)
     rows = [
@@ -192,7 +208,7 @@ def certificate(result: AdmittanceCertificate, shown: str = "") -> Answer:
 def recommendation(result: AdmittanceRecommendation, shown: str = "", written: str | None = None) -> Answer:
     """Return the answer of `recommend` for an admittance device."""
     problem, judged = result.problem, result.certificate
-    shown = shown or name_of(problem)
+    shown = shown or problem.typed_name
     rows = [row("Deployable", f"{'yes' if result.passed else 'no'}: {result.reason}", mark=grade(result.passed))]
     if judged is not None:
         felt = Value(judged.law.mass_kg + problem.device.force_sensor.handle_mass_kg, "mass")
@@ -279,7 +295,7 @@ def _better(better: BetterDevice) -> tuple[Part, ...]:
 def region(result: MassWidth, shown: str = "") -> Answer:
     """Return the answer of `zwidth` for an admittance device: the masses that it can render, by damping."""
     problem = result.problem
-    shown = shown or name_of(problem)
+    shown = shown or problem.typed_name
     known = np.flatnonzero(np.isfinite(result.sound_least_kg))
     chosen = known[np.linspace(0, len(known) - 1, min(len(known), _SHOWN_DAMPINGS)).astype(int)] if len(known) else []
     filtered = (

@@ -10,7 +10,7 @@ from avc_casadi.claims.force_feedback import ForceFeedbackCertificate, IdealLimi
 from avc_casadi.loops.margins import SOUND_DISK
 from avc_casadi.model.sensed import ForceFeedbackProblem, SensedDevice, SensedLaw
 from avc_casadi.present.row import Answer, Mark, Part, Row, Value, caution, commas, grade, parts, row
-from avc_casadi.present.rows import admittance, pieces
+from avc_casadi.present.rows import admittance, pieces, subject
 
 
 def device_line(device: SensedDevice) -> tuple[Part, ...]:
@@ -28,19 +28,37 @@ def law_line(law: SensedLaw) -> tuple[Part, ...]:
     return commas([gain, low_pass, pieces.named(law)])
 
 
+def doubts_of(problem: ForceFeedbackProblem) -> tuple[str, ...]:
+    """Return what is unusual of a device with force feedback, though it is valid."""
+    law = problem.law
+    frequencies = {"device.amplifier_bandwidth_hz": problem.device.amplifier_bandwidth_hz}
+    if law is not None:
+        velocity = law.velocity
+        frequencies["law.force_feedback.cutoff_hz"] = getattr(law.force_feedback, "cutoff_hz", None)
+        frequencies["law.velocity.cutoff_hz"] = getattr(velocity, "cutoff_hz", None)
+        frequencies["law.velocity.bandwidth_hz"] = getattr(velocity, "bandwidth_hz", None)
+    return (
+        *admittance.above_nyquist(frequencies, problem),
+        *admittance.contact_doubts(problem),
+        *admittance.sensor_doubts(problem),
+    )
+
+
 def checked(problem: ForceFeedbackProblem, shown: str) -> Answer:
     """Return the answer of `check`."""
+    doubts = doubts_of(problem)
     handle = ("handle", Value(problem.device.force_sensor.handle_mass_kg, "mass"))
     rows = [
         row("Valid", problem.title or "yes", mark=Mark.PASS),
         row("Law", law_line(problem.law) if problem.law else "none: [law] with force_feedback = { gain, cutoff_hz }"),
         row("Sensor", handle),
         *admittance.end_rows(problem),
+        *subject.notes(doubts, "Warning"),
     ]
     if problem.source:
         rows.append(row("Source", problem.source, rank=1))
     tables = problem.model_dump(mode="json", exclude_none=True)
-    data = {"valid": True, "problem": problem.name, "tables": tables, "refused": ""}
+    data = {"valid": True, "problem": problem.name, "tables": tables, "refused": "", "doubts": [*doubts]}
     title = parts(shown, device_line(problem.device))
     return Answer("check", plain(data), title, tuple(rows), (f"avc certify {quote(shown)}",), problem.units)
 
@@ -48,7 +66,7 @@ def checked(problem: ForceFeedbackProblem, shown: str) -> Answer:
 def certificate(result: ForceFeedbackCertificate, shown: str = "") -> Answer:
     """Return the answer of `certify`."""
     problem = result.problem
-    shown = shown or admittance.name_of(problem)
+    shown = shown or problem.typed_name
     mark = Mark.FAIL if not result.passed else grade(result.disk_margin >= SOUND_DISK, Mark.CAUTION)
     rows = [
         row("Deployable", f"{'yes' if result.passed else 'no'}: {result.reason}", mark=mark),
@@ -56,8 +74,7 @@ def certificate(result: ForceFeedbackCertificate, shown: str = "") -> Answer:
         admittance.damping(result.cases),
         row("Worst case", admittance.worst_case(result.worst)),
         _felt(result),
-        row("Stable gain", admittance.stretch(result.gain_range, "number"), "of the force, with the rest of the law"),
-        _ideal(result.ideal_limit, result.law.gain),
+        *_limits(result),
         admittance.passivity(result.passivity),
         admittance.stiffest(result, problem.contact),
         row("Noise", Value(result.noise_n, "force"), "rms of the commanded force at rest"),
@@ -84,6 +101,17 @@ def _felt(result: ForceFeedbackCertificate) -> Row:
     spring = law.stiffness_n_per_m / (1 + law.gain)
     rest = (", spring", Value(spring, "stiffness")) if spring else ()
     return row("A hand moves", whole, "with the handle:", mass, rest)
+
+
+def _limits(result: ForceFeedbackCertificate) -> list[Row]:
+    """Return the gains that are stable, and those that an ideal loop makes passive, of a law with force feedback."""
+    if result.law.force_feedback is None:
+        return []
+    stable = admittance.stretch(result.gain_range, "number")
+    return [
+        row("Stable gain", stable, "of the force, with the rest of the law"),
+        _ideal(result.ideal_limit, result.law.gain),
+    ]
 
 
 def _ideal(limit: IdealLimit, gain: float) -> Row:

@@ -132,7 +132,7 @@ def admittance_trial(result: AdmittanceTrial, shown: str = "") -> Answer:
         *_limits(result),
         row("Simulated", _simulated(result)),
     ]
-    shown = shown or admittance.name_of(problem)
+    shown = shown or problem.typed_name
     return Answer(
         kind="trial-admittance",
         data={**plain(result), "problem": problem.name},

@@ -181,11 +181,11 @@ def _ready_for_trial(problem: AdmittanceProblem, hands: int) -> AdmittanceProble
     if hands < 1:
         raise InputError.of(f"is {hands}; allowed: 1 or more", key="hands")
     if problem.device.drive == "position":
-        fact = f'{problem.name or "the problem"}: device.drive is "position"'
+        fact = f'{problem.typed_name}: device.drive is "position"'
         raise UnsupportedError(f"{fact}: hands are simulated at drives of velocities; ask avc certify", key="")
     if problem.law is None:
         allowed = "allowed: [law] with admittance = { mass_kg, damping_ns_per_m }"
-        raise InputError.of(f"is missing; {allowed}", file=problem.name or "problem", key="law")
+        raise InputError.of(f"is missing; {allowed}", file=problem.typed_name, key="law")
     return problem
 
 

@@ -297,9 +297,12 @@ def admittance_files(
     """
     chosen = c_frame.checked(precision, name)
     law = _required(problem)
-    certificate = certify_admittance(problem, remedies=False)
+    certificate = certify_admittance(problem, remedies=False, limits=False)
     if not certificate.passed and not unsafe:
-        raise NotDeployableError(f"{problem.name}: {certificate.reason}; --unsafe (in Python unsafe=True) overrides.")
+        raise NotDeployableError(
+            f"{problem.typed_name}: {certificate.reason}; avc certify {problem.typed_name} says what would help. "
+            "--unsafe (in Python unsafe=True) overrides."
+        )
     verdict = f"{'deployable' if certificate.passed else 'NOT DEPLOYABLE, exported by request'}: {certificate.reason}"
     bounds = FaultBounds.of(problem, law)
     files = c_frame.header_and_source(
@@ -315,7 +318,9 @@ def _required(problem: AdmittanceProblem) -> VirtualImpedance:
         "device.force_sensor.max_force_n": problem.device.force_sensor.max_force_n,
     }
     why = "is missing; give a value: the exported code limits the motion under a fault with it"
-    faults = [Fault(problem.name, None, problem.units.key(key), why) for key, value in missing.items() if value is None]
+    faults = [
+        Fault(problem.typed_name, None, problem.units.key(key), why) for key, value in missing.items() if value is None
+    ]
     if faults or problem.law is None:
         raise InputError(faults)
     return problem.law.admittance
