@@ -299,6 +299,20 @@ def stiffness_at_handle(device: Device, stiffness_n_per_m: float) -> float:
     return stiffness_n_per_m * spring / (stiffness_n_per_m + spring)
 
 
+def moving_stiffness_at_handle(device: Device, force_n_per_m: ComplexArray, frequency_hz: FloatArray) -> FloatArray:
+    """Return force over position at the handle for a sampled force over the measured position, without the device.
+
+    It is |s (Z_h - m s - b)|, with the mass m and the damper b of the device as a rigid body. A stiff device, or an
+    encoder at the handle, has no structure between both: there it is the size of the sampled force over the position.
+    """
+    mechanics = PortMechanics(device)
+    if mechanics.rigid or mechanics.at_handle:
+        return np.abs(force_n_per_m)
+    s = 2j * np.pi * frequency_hz
+    with_force = handle_impedance(device, force_n_per_m, frequency_hz)[0]
+    return np.asarray(np.abs(s * (with_force - device.mass_kg * s - device.damping_ns_per_m)))
+
+
 PRESS_N = 10.0
 """A firm press of a hand, N. The handle is excited about half of it, or half the force limit if that is less."""
 FREE_DEPTH_M = 0.01

@@ -79,7 +79,8 @@ def law_region(problem: AnyProblem, over: str, progress: Progress = SILENT) -> L
         InputError: the law has no such number, or no second one.
         UnsupportedError: the problem has no law.
     """
-    stated = at_own_rate(require_wall(problem))
+    declared = require_wall(problem)
+    stated = at_own_rate(declared)
     law, period_s = stated.law, stated.device.sample_time_s
     if law is None:
         raise UnsupportedError("has no table [law], and --over is a number of it; state your controller", key="law")
@@ -100,7 +101,7 @@ def law_region(problem: AnyProblem, over: str, progress: Progress = SILENT) -> L
         of_number = NumberLaws(changed, second, lambda table: acting_with(table).all)
         ends.append(limits.interval(second, of_number) or (np.nan, np.nan))
     least, largest = np.array(ends).T
-    return LawRegion(stated, first.key, second.key, (first.value, second.value), values, least, largest)
+    return LawRegion(declared, first.key, second.key, (first.value, second.value), values, least, largest)
 
 
 def _named(numbers: Sequence[LawNumber], name: str, problem: Problem) -> LawNumber:

@@ -12,6 +12,7 @@ from scipy.linalg import schur, solve_sylvester
 
 from avc_casadi._errors import InputError
 from avc_casadi._util.json_values import plain
+from avc_casadi.claims.impedance import moving_stiffness_at_handle
 from avc_casadi.model.control_law import ControlLaw, DifferenceVelocity, LawNumber, LowPassVelocity, TicksVelocity
 from avc_casadi.model.device import Device
 from avc_casadi.model.law import Law
@@ -165,10 +166,11 @@ def static_gain(law: Law) -> float:
     return float(abs(law.transfer(np.array(1.0 + 0j))))
 
 
-def rendered_n_per_m(law: Law) -> dict[float, float]:
-    """Return the magnitude of force over position at the frequencies of a hand, below half the sample rate."""
-    frequencies_hz = [hz for hz in _RENDERED_HZ if hz < 0.5 / law.sample_time_s]
-    return {hz: float(abs(law.transfer(np.exp(2j * math.pi * hz * law.sample_time_s)))) for hz in frequencies_hz}
+def rendered_n_per_m(law: Law, device: Device) -> dict[float, float]:
+    """Return the magnitude of force over position at the handle, at the frequencies of a hand below half the rate."""
+    hz = np.array([frequency for frequency in _RENDERED_HZ if frequency < 0.5 / law.sample_time_s])
+    sampled = law.transfer(np.exp(2j * math.pi * hz * law.sample_time_s))
+    return dict(zip(hz.tolist(), moving_stiffness_at_handle(device, sampled, hz).tolist(), strict=True))
 
 
 def noise_n(law: AnyLaw, device: Device) -> float:

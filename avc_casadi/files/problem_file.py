@@ -37,6 +37,9 @@ _LONGEST_BANDED_S = 0.25
 _TABLES_OF_A_JOINT = ("name", "title", "source", "simulation", "law")
 """What a file of a joint without a device states."""
 
+_NO_WALL = "; your own gains need no wall: state them in a table [law]"
+"""Advice where a problem has no wall."""
+
 
 def load_problem(source: str | Path) -> Problem:
     """Load a problem file, or a problem of the catalogue by name.
@@ -203,7 +206,10 @@ def _of_tables(tables: Mapping[str, Any], file: str, name: str, folder: Path | N
     if isinstance(border, tuple):
         return [border]
     border.tables = {**_with_band(border.tables)}
-    return border.checked(Problem, name)
+    result = border.checked(Problem, name)
+    if isinstance(result, Problem):
+        return result
+    return [(path, f"{message}{_NO_WALL}" if path == ("environment",) else message) for path, message in result]
 
 
 def _with_band(tables: Mapping[str, Any]) -> Mapping[str, Any]:

@@ -11,6 +11,7 @@ from scipy.linalg import expm
 from scipy.optimize import brentq, minimize_scalar
 
 import avc_casadi as avc
+from avc_casadi.claims.impedance import PortMechanics
 from avc_casadi.cli import main
 from avc_casadi.loops.engine import ToolLoops
 from avc_casadi.model.ends import ToolGains
@@ -301,3 +302,25 @@ def test_without_limits_the_verdict_is_the_same_and_no_limit_is_stated(k, stable
     assert not quick.limited
     assert quick.document()["largest_stiffness_n_per_m"] is None
     assert quick.reason == (whole.reason if stable else "unstable")
+
+
+def test_what_a_law_renders_is_that_at_the_handle_at_rest_and_in_motion():
+    mass, share, hz, ratio = 0.2, 0.3, 60.0, 0.05
+    device = {"mass_kg": mass, "damping_ns_per_m": 0.0, "sample_time_s": 1e-4, "encoder_at": "motor"}
+    device |= {"resonance": {"frequency_hz": hz, "damping_ratio": ratio, "mass_ratio": share}}
+    nothing = {"stiffness_n_per_m": 0.0, "damping_ns_per_m": 0.0}
+    k = 3000.0
+    found = avc.certify_law({"device": device, "environment": nothing}, k=k, b=1.0, remedies=False)
+    plant = found.problem.device
+    motor = PortMechanics(plant).motor
+
+    handle_kg = share * mass
+    for frequency_hz, rendered in found.rendered_n_per_m.items():
+        s = 2j * math.pi * frequency_hz
+        at_motor = motor.mass_kg * s**2 + k + 1.0 * s
+        structure = motor.stiffness_n_per_m + motor.damping_ns_per_m * s
+        total = handle_kg * s**2 + structure * at_motor / (structure + at_motor)
+        assert rendered == pytest.approx(abs(total - mass * s**2), rel=2e-3)
+        assert rendered == pytest.approx(found.static_stiffness_n_per_m, rel=0.2)
+    assert motor.mass_kg == pytest.approx((1 - share) * mass)
+    assert found.static_stiffness_n_per_m < 0.9 * k

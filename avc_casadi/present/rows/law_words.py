@@ -10,7 +10,9 @@ from avc_casadi.claims.own_law import LawCertificate
 from avc_casadi.loops.margins import LEAST_DISK, SOUND_DISK
 from avc_casadi.loops.plant_family import PlantFamily
 from avc_casadi.model.control_law import ControlLaw
-from avc_casadi.model.quantity import plain
+from avc_casadi.model.device import Device
+from avc_casadi.present.row import Value
+from avc_casadi.present.rows.pieces import GAINS
 
 _NAMES = {
     "stiffness_n_per_m": ("k", "N/m"),
@@ -49,10 +51,9 @@ def _doubts(certificate: LawCertificate) -> str:
 
 def _plain_cause(certificate: LawCertificate, units: Units) -> str:
     """Return which number of an unstable spring and damper is beyond which limit."""
-    device, beyond = certificate.problem.device, certificate.beyond
-    delay = f"{device.delay_samples:g} sample{'' if device.delay_samples == 1 else 's'} of delay"
+    beyond = certificate.beyond
     ranges = ", over [device.range]" if PlantFamily.of(certificate.problem).device_ranges else ""
-    late = f"with {delay} at {1 / device.sample_time_s:g} Hz{ranges}"
+    late = f"{_late(certificate.problem.device)}{ranges}"
     if beyond.side is LimitSide.NONE_STABLE:
         return f"no b holds this k {late}"
     name, unit = _NAMES[beyond.key]
@@ -63,13 +64,21 @@ def _plain_cause(certificate: LawCertificate, units: Units) -> str:
     return f"{name} {value} is above its largest{outside}, {limit}, {late}"
 
 
+def _late(device: Device) -> str:
+    """Return the delay and the rate of a device."""
+    plural = "" if device.delay_samples == 1 else "s"
+    return f"with {device.delay_samples:g} sample{plural} of delay at {1 / device.sample_time_s:g} Hz"
+
+
 def _cause(certificate: LawCertificate, units: Units) -> str:
     """Return which number of an unstable law of several pieces is beyond which limit."""
-    device, beyond = certificate.problem.device, certificate.beyond
-    late = f"with {plain(device.delay_samples)} samples of delay at {1 / device.sample_time_s:g} Hz"
+    beyond, late = certificate.beyond, _late(certificate.problem.device)
     if isinstance(certificate.law, ControlLaw) and certificate.law.friction_compensation is not None:
         late += ", without friction"
     if beyond.side is LimitSide.NONE_STABLE:
         return f"no change of a single number makes the law stable {late}"
     side = "below its lowest" if beyond.side is LimitSide.BELOW else "above its largest"
-    return f"{units.key(beyond.key)} {beyond.value:.4g} is {side}, {beyond.limit:.4g}, {late}"
+    value, limit = (Value.of(beyond.key, number, 4).text(units) for number in (beyond.value, beyond.limit))
+    name = GAINS.get(beyond.key, units.key(beyond.key))
+    name = name if units.linear else name.replace("mass", "inertia")
+    return f"{name} {value} is {side}, {limit}, {late}"

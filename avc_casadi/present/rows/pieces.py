@@ -17,7 +17,7 @@ from avc_casadi.model.control_law import (
 )
 from avc_casadi.present.row import Mark, Part, Parts, Row, Value, caution, commas, grade, parts, quantity_of, row
 
-_GAINS = {
+GAINS = {
     "stiffness_n_per_m": "k",
     "damping_ns_per_m": "b",
     "local_damping_ns_per_m": "b_p",
@@ -39,7 +39,7 @@ def named(law: ControlLaw | StatedSystem) -> tuple[Part, ...]:
 
 
 def _pieces(law: ControlLaw) -> Iterator[Parts]:
-    for key, name in _GAINS.items():
+    for key, name in GAINS.items():
         value = getattr(law, key, 0.0)
         if value:
             yield name, Value.of(key, value)
@@ -94,7 +94,7 @@ def limits(intervals: Mapping[str, Interval | None], largest_gain: float) -> lis
 
 def number_limits(intervals: Mapping[str, Interval | None]) -> list[Row]:
     """Return the stable interval of each number with the others kept."""
-    return [row(f"Stable {_GAINS.get(key, key)}", _stretch(key, ends)) for key, ends in intervals.items()]
+    return [row(f"Stable {GAINS.get(key, key)}", _stretch(key, ends)) for key, ends in intervals.items()]
 
 
 def limited(result: LawCertificate) -> list[Row]:
