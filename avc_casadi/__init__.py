@@ -31,7 +31,7 @@ __version__ = "0.3.0"
 __all__ = ["Problem", "catalogue", "catalogue_path", "dump_problem", "load_device", "load_problem", "parse_problem"]
 __all__ += ["AdmittanceCertificate", "AdmittanceProblem", "certify_admittance", "load_admittance"]
 __all__ += ["AdmittanceRecommendation", "MassWidth", "mass_width", "recommend_admittance"]
-__all__ += ["ForceFeedbackCertificate", "ForceFeedbackProblem", "certify_force_feedback"]
+__all__ += ["ForceFeedbackCertificate", "ForceFeedbackProblem", "certify_force_feedback", "recommend_force_feedback"]
 __all__ += ["Coupling", "LawCertificate", "Recommendation", "certify_law", "recommend", "zwidth"]
 __all__ += ["certify_joint", "recommend_joint"]
 __all__ += ["Certificate", "Deployable", "Run", "certify", "deployable", "screen", "simulate", "simulate_batch"]
@@ -84,6 +84,7 @@ if TYPE_CHECKING:
     from avc_casadi.model.sensed import ForceFeedbackProblem
     from avc_casadi.present import figures
     from avc_casadi.recommendation.admittance import AdmittanceRecommendation, recommend_admittance
+    from avc_casadi.recommendation.force_feedback import recommend_force_feedback
     from avc_casadi.recommendation.joint import recommend_joint
     from avc_casadi.recommendation.recommend import recommend
     from avc_casadi.recommendation.recommendation import Recommendation
@@ -106,6 +107,7 @@ else:
         "claims.joint": "certify_joint",
         "claims.own_law": "LawCertificate certify_law",
         "recommendation.recommendation": "Recommendation",
+        "recommendation.force_feedback": "recommend_force_feedback",
         "recommendation.joint": "recommend_joint",
         "recommendation.recommend": "recommend",
         "coupling": "Coupling",

@@ -11,6 +11,8 @@ from avc_casadi.cli.law import read_numbers
 from avc_casadi.files.admittance_file import dump_admittance, load_sensor_problem
 from avc_casadi.present import rows
 from avc_casadi.present.row import Answer
+from avc_casadi.recommendation.admittance import AdmittanceRecommendation
+from avc_casadi.recommendation.force_feedback import ForceFeedbackRecommendation
 
 _LAW = {"virtual_mass": "mass_kg", "b": "damping_ns_per_m", "k": "stiffness_n_per_m", "cutoff_hz": "cutoff_hz"}
 """Options that state an admittance law, and its keys."""
@@ -46,19 +48,28 @@ def certified(args: argparse.Namespace, console: Console) -> Answer:
 
 def recommended(args: argparse.Namespace, console: Console) -> Answer:
     """Return the answer of `recommend`, and write the file with the law."""
-    refused = "is an option of devices that are commanded a force, and P is an admittance device; leave it out"
+    problem = load_sensor_problem(args.problem)
+    refused = "is an option of devices that are commanded a force and have no force sensor; leave it out"
     cli.refuse(args, "stiffest", "lean_on_friction", "prove", "trade_off", why=refused)
     if args.out is not None and args.out.suffix.lower() != ".toml":
-        raise avc.InputError.of(
-            "ends in .json; allowed: .toml, the file of an admittance device with its law", key="out"
-        )
+        raise avc.InputError.of("ends in .json; allowed: .toml, the file of the device with its law", key="out")
+    if isinstance(problem, avc.ForceFeedbackProblem):
+        with console.step("gain of the force"):
+            lightened = avc.recommend_force_feedback(args.problem, progress=console)
+        return rows.force_feedback.recommendation(lightened, args.problem, _written(lightened, args, console))
     with console.step("virtual mass and damping"):
         found = avc.recommend_admittance(args.problem, progress=console)
-    written = None
-    if args.out is not None and found.passed:
-        console.write(args.out, dump_admittance(found.problem))
-        written = str(args.out)
-    return rows.admittance.recommendation(found, args.problem, written)
+    return rows.admittance.recommendation(found, args.problem, _written(found, args, console))
+
+
+def _written(
+    found: AdmittanceRecommendation | ForceFeedbackRecommendation, args: argparse.Namespace, console: Console
+) -> str | None:
+    """Write the file with a recommended law, and return its name; None where there is no law or no file to write."""
+    if args.out is None or not found.passed:
+        return None
+    console.write(args.out, dump_admittance(found.problem))
+    return str(args.out)
 
 
 def tried(args: argparse.Namespace, console: Console) -> Answer:

@@ -222,6 +222,7 @@ def run_recommend(args: argparse.Namespace, console: Console) -> Answer:
     the device released.
     For an admittance device (drive = "velocity") it recommends the virtual mass and damping that need
     the least force of the hand; --out then writes the problem with this law, as .toml.
+    For a device with force feedback it recommends the largest gain with a disk margin of 0.2.
     For a joint of a simulated robot (a file with [simulation] and without [device]) it recommends
     kp and kd.
     """

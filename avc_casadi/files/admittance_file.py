@@ -70,7 +70,7 @@ def refuse_admittance(tables: Mapping[str, Any], file: str) -> None:
 def _unsupported_feedback(file: str) -> UnsupportedError:
     """Return what refuses a device with force feedback where something needs another device."""
     fact = f"{file}: the device is commanded a force and has a force sensor, which this does not support"
-    return UnsupportedError(f"{fact}; use avc check or avc certify {file}", key="")
+    return UnsupportedError(f"{fact}; use avc check, recommend or certify {file}", key="")
 
 
 def is_admittance(source: object) -> bool:
@@ -193,8 +193,13 @@ def _of_tables(tables: Mapping[str, Any], name: str) -> SensorProblem | list[Fin
     return border.checked(_model_of(tables) or AdmittanceProblem, name)
 
 
-def dump_admittance(problem: AdmittanceProblem) -> str:
-    """Write an admittance problem as TOML with every value, defaults included; the name is that of the file."""
+def dump_admittance(problem: SensorProblem) -> str:
+    """Write a problem of a device with a force sensor as TOML with every value; the name is that of the file.
+
+    Hands that are assumed are left out, so that they remain assumed.
+    """
     tables = problem.model_dump(exclude_none=True)
     del tables["name"]
+    if problem.assumes_hands:
+        del tables["hands"]
     return "\n".join(toml_lines((), problem.units.keyed(tables))) + "\n"

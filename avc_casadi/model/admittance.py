@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
-from pydantic import BeforeValidator, model_validator
+from pydantic import BeforeValidator, ModelWrapValidatorHandler, model_validator
 
 from avc_casadi._util.units import Units
 from avc_casadi.model import quantity as q
@@ -245,10 +245,18 @@ class HandledProblem(t.Table):
     hands: Hands = Hands()
     contact: Contact = Contact()
 
-    @model_validator(mode="before")
+    @model_validator(mode="wrap")
+    @classmethod
+    def _of_usual_hands(cls, tables: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
+        """Fill in the hands of a device that turns; they remain assumed, as those of one that slides."""
+        problem = handler(cls._with_defaults(tables))
+        if isinstance(tables, dict) and "hands" not in tables:
+            problem.__pydantic_fields_set__.discard("hands")
+        return problem
+
     @classmethod
     def _with_defaults(cls, tables: Any) -> Any:
-        """Fill in the hands of a device that turns: the usual ones, at its handle."""
+        """Return tables with the usual hands of a device that turns, at its handle, where they state none."""
         device = tables.get("device") if isinstance(tables, dict) else None
         if isinstance(device, HandledDevice):
             device = device.model_dump()
@@ -268,6 +276,11 @@ class HandledProblem(t.Table):
         if not self.name:
             return "problem.toml"
         return self.name if "/" in self.name else f"{self.name}.toml"
+
+    @property
+    def assumes_hands(self) -> bool:
+        """Whether its file states no hands."""
+        return "hands" not in self.model_fields_set
 
     @property
     def end(self) -> Contact:

@@ -221,6 +221,22 @@ def test_a_fault_of_force_feedback_names_its_key(tmp_path, old, new, fault):
         load_sensor_problem(rail(tmp_path, old, new))
 
 
+@pytest.mark.parametrize("motion", ["linear", "rotary"])
+def test_hands_that_are_assumed_remain_assumed_in_a_file_that_is_written(motion):
+    turns = {"motion": "rotary", "handle_radius_m": 0.1} if motion == "rotary" else {}
+    sensor = {"stiffness_n_per_m": 1e5, "handle_mass_kg": 0.5}
+    if turns:
+        sensor = {"stiffness_nm_per_rad": 1e3, "handle_inertia_kgm2": 5e-3}
+    name = "torque_sensor" if turns else "force_sensor"
+    device = {"drive": "velocity", "drive_bandwidth_hz": 20.0, name: sensor, **turns}
+    stated = as_admittance({"device": device})
+    again = parse_admittance(dump_admittance(stated))
+    assert (stated.assumes_hands, again.assumes_hands) == (True, True)
+    assert again.hands == stated.hands
+    assert stated.changed(law={"admittance": {"mass_kg": 1.0, "damping_ns_per_m": 2.0}}).assumes_hands
+    assert not as_admittance({"device": device, "hands": {}}).assumes_hands
+
+
 @pytest.mark.parametrize("tables", [{"mass_kg": 1.0}, {}])
 def test_a_drive_that_no_device_has_is_the_one_fault_where_no_other_key_says_what_it_is(tables):
     with pytest.raises(avc.InputError) as refused:
@@ -236,15 +252,15 @@ def test_force_feedback_without_a_sensor_is_refused_and_a_plain_device_may_state
 
 
 @pytest.mark.parametrize(
-    "command", ["recommend P", "zwidth P", "simulate P", "explore P", "trial P", "export P --c x", "solve P", "run P"]
+    "command", ["zwidth P", "simulate P", "explore P", "trial P", "export P --c x", "solve P", "run P"]
 )
 def test_verbs_that_do_not_know_force_feedback_refuse_it(command, tmp_path, monkeypatch, capsys):
     rail(tmp_path)
     monkeypatch.chdir(tmp_path)
     assert main(command.replace("P", "rail.toml", 1).split()) == 2
-    assert "which this does not support; use avc check or avc certify rail.toml" in capsys.readouterr().err
+    assert "which this does not support; use avc check, recommend or certify rail.toml" in capsys.readouterr().err
     for call in (avc.recommend, avc.certify_law, avc.certify_admittance, avc.load_admittance):
-        with pytest.raises(avc.UnsupportedError, match=r"use avc check or avc certify rail.toml"):
+        with pytest.raises(avc.UnsupportedError, match=r"use avc check, recommend or certify rail.toml"):
             call("rail.toml")
     with pytest.raises(avc.UnsupportedError, match=r"avc.certify_admittance judges such"):
         avc.certify_force_feedback("admittance/cobot")

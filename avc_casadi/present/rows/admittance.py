@@ -151,7 +151,7 @@ def sensor_doubts(problem: SensorProblem) -> Iterator[str]:
 
 def end_rows(problem: SensorProblem) -> list[Row]:
     """Return the hands and the contact that a handle is judged with; assumed hands are marked."""
-    assumed = "hands" not in problem.model_fields_set
+    assumed = problem.assumes_hands
     remedy = "; state [hands] of your user" if assumed else ""
     line = ("assumed:" if assumed else None, _hands_line(problem), "; released in addition", remedy)
     hands = row("Hands", line, mark=caution(assumed))
@@ -161,7 +161,7 @@ def end_rows(problem: SensorProblem) -> list[Row]:
 def untold(problem: SensorProblem) -> list[Row]:
     """Return a caution where hands are assumed, and where the handle is judged without anything to touch."""
     rows = []
-    if "hands" not in problem.model_fields_set:
+    if problem.assumes_hands:
         rows.append(row("Hands", "assumed:", _hands_line(problem), "; state [hands] of your user", mark=Mark.CAUTION))
     if not problem.contact.touches:
         why = "none stated: a handle that touches something stiff is not judged; state [contact]"

@@ -47,6 +47,7 @@ from avc_casadi.present.rows.reasons import clauses, sentence
 from avc_casadi.present.rows.recommend import recommendation
 from avc_casadi.recommendation.admittance import AdmittanceRecommendation
 from avc_casadi.recommendation.assumptions import Assumption, Unused
+from avc_casadi.recommendation.force_feedback import ForceFeedbackRecommendation
 from avc_casadi.recommendation.joint import JointRecommendation
 from avc_casadi.recommendation.recommendation import LimitCycleFreedom, Recommendation
 from avc_casadi.simulation.scene import Run
@@ -86,6 +87,7 @@ clauses.register(DetentRemedy, claim_words.detent_remedy_clauses)
 answer_of.register(AdmittanceCertificate, admittance.certificate)
 answer_of.register(AdmittanceRecommendation, admittance.recommendation)
 answer_of.register(ForceFeedbackCertificate, force_feedback.certificate)
+answer_of.register(ForceFeedbackRecommendation, force_feedback.recommendation)
 answer_of.register(MassWidth, admittance.region)
 answer_of.register(JointCertificate, joint.certificate)
 answer_of.register(JointRecommendation, joint.recommendation)

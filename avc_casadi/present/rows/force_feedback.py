@@ -6,11 +6,25 @@ import math
 from shlex import quote
 
 from avc_casadi._util.json_values import plain
+from avc_casadi._util.units import Quantity
 from avc_casadi.claims.force_feedback import ForceFeedbackCertificate, IdealLimit
 from avc_casadi.loops.margins import SOUND_DISK
 from avc_casadi.model.sensed import ForceFeedbackProblem, SensedDevice, SensedLaw
-from avc_casadi.present.row import Answer, Mark, Part, Row, Value, caution, commas, grade, parts, row
+from avc_casadi.present.row import Answer, Mark, Part, Row, Value, caution, commas, grade, parts, quantity_of, row
 from avc_casadi.present.rows import admittance, pieces, subject
+from avc_casadi.recommendation.force_feedback import ForceFeedbackRecommendation, LargerGain
+
+_CHANGES = {
+    "device.delay_samples": "delay",
+    "device.sample_time_s": "sample time",
+    "device.amplifier_bandwidth_hz": "amplifier",
+    "device.force_sensor.stiffness_n_per_m": "sensor",
+    "device.force_sensor.damping_ratio": "damping ratio of the handle on its sensor",
+    "device.force_sensor.handle_mass_kg": "handle",
+    "law.damping_ns_per_m": "b",
+    "law.force_feedback.cutoff_hz": "force below",
+}
+"""What the changes are called whose effect is reported."""
 
 
 def device_line(device: SensedDevice) -> tuple[Part, ...]:
@@ -91,6 +105,46 @@ def certificate(result: ForceFeedbackCertificate, shown: str = "") -> Answer:
         units=problem.units,
         complaint="" if result.passed else f"avc: {shown}: this law is not deployable",
     )
+
+
+def recommendation(result: ForceFeedbackRecommendation, shown: str = "", written: str | None = None) -> Answer:
+    """Return the answer of `recommend`."""
+    problem, judged = result.problem, result.certificate
+    shown = shown or problem.typed_name
+    rows = [row("Deployable", f"{'yes' if result.passed else 'no'}: {result.reason}", mark=grade(result.passed))]
+    if judged is not None:
+        rows += [
+            row("Law", law_line(judged.law)),
+            _felt(judged),
+            admittance.margins(judged, problem),
+            admittance.damping(judged.cases),
+            row("Worst case", admittance.worst_case(judged.worst)),
+            *_limits(judged),
+            admittance.stiffest(judged, problem.contact),
+            row("Noise", Value(judged.noise_n, "force"), "rms of the commanded force at rest"),
+        ]
+    rows += [*admittance.untold(problem), *(row("Would help", _helps(larger, problem)) for larger in result.helps)]
+    return Answer(
+        kind="recommend-force-feedback",
+        data=result.document(),
+        title=parts(shown, device_line(problem.device)),
+        rows=tuple(rows),
+        commands=(f"avc certify {quote(written or shown)}",),
+        units=problem.units,
+        complaint="" if result.passed else f"avc: {shown}: no law to run",
+    )
+
+
+def _helps(larger: LargerGain, problem: ForceFeedbackProblem) -> tuple[Part, ...]:
+    """Return a change, and the gain that it allows with the mass that a slow hand then moves."""
+    gain, mass = Value(larger.gain, "number"), Value(problem.device.mass_kg / (1 + larger.gain), "mass")
+    changed = (_CHANGES[larger.key], Value(larger.value, _measured(larger.key)))
+    return parts(*changed, ": gain", gain, ", apparent mass", mass)
+
+
+def _measured(key: str) -> Quantity:
+    """Return what a changed value measures."""
+    return "samples" if key.endswith("samples") else quantity_of(key)
 
 
 def _felt(result: ForceFeedbackCertificate) -> Row:
