@@ -261,7 +261,8 @@ _TEXT = """# Bad and odd files: does check say whatever recommend refuses?
 {made_by}
 
 {count} problem files, each one of {bases} with one or two values changed: far off, absent, misspelt, of another
-type, or no number. Times are of the processor, the first file of a process with its imports.
+type, or no number. A file with force feedback states its law: `certify` uses it, and any verdict is an answer. Times
+are of the processor, the first file of a process with its imports.
 
 {summary}
 
