@@ -81,9 +81,9 @@ class ForceFeedbackCertificate(HandleVerdict):
     @property
     def cause(self) -> str:
         """Which number of an unstable law is beyond which limit: the gain, where the rest is stable without it."""
-        gain = self.law.gain_number
-        if self.law.force_feedback and self.gain_range is not None and not self.gain_range[0]:
-            return f"{gain.key} {self.law.gain:.4g} is above its largest, {self.gain_range[1]:.4g}"
+        gain, (low, high) = self.law.gain_number, self.gain_range or (math.inf, math.inf)
+        if low == 0 and self.law.gain > high:
+            return f"{gain.key} {gain.value:.4g} is above its largest, {high:.4g}"
         beyond = nearest_limit(self.law, self.intervals, self.problem.device.sample_time_s)
         if beyond.side is LimitSide.NONE_STABLE:
             return "no change of a single number of the law is enough"
