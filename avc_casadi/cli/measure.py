@@ -25,6 +25,7 @@ _PORT = "choose the serial port (default: `emulator`, a model of the device)"
 _SIGNAL = "choose multisine (all frequencies at once, default) or chirp (a sweep)"
 _ON_BENCH = "emulate this device instead of DEVICE, to test a plan on another device (--port emulator)"
 _BASE = "take values that the logs do not determine from this device or problem"
+_JUDGES_LAW = "avc certify judges the stated law"
 _DECLARED = "compare the log with this device file, or with a problem file and its hands"
 
 
@@ -143,6 +144,7 @@ def run_diagnose(args: argparse.Namespace, console: Console) -> Answer:
     The logs are those that `avc identify` reads.
     """
     from avc_casadi.diagnose.causes import diagnose
+    from avc_casadi.files.problem_file import is_device, load_any
 
     file, hands = (None, None) if args.device is None else cli.load_any_device(args.device)
     coupling = None if args.coupling is None else cli.read_wall(args.coupling)
@@ -153,6 +155,11 @@ def run_diagnose(args: argparse.Namespace, console: Console) -> Answer:
             path = args.plot if len(diagnoses) == 1 else args.plot.with_stem(f"{args.plot.stem}-{place}")
             write_figure(console, path, partial(avc.figures.draw_diagnosis, diagnosis))
     answer = rows.measure.diagnosis(diagnoses)
+    if args.device is not None and not is_device(args.device):
+        unused = rows.subject.law_not_used(
+            load_any(args.device), f"the force of the log is fitted instead; {_JUDGES_LAW}"
+        )
+        answer = replace(answer, rows=(*answer.rows, *unused))
     healthy = all(diagnosis.verdict == "nothing wrong" for diagnosis in diagnoses)
     named = all(diagnosis.cause for diagnosis in diagnoses)
     return replace(answer, code=0 if healthy or named else 1)

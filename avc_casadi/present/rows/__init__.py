@@ -16,6 +16,7 @@ if TYPE_CHECKING:
         look,
         measure,
         recommend,
+        subject,
         tried,
     )
 
@@ -32,6 +33,7 @@ __all__ = [
     "look",
     "measure",
     "recommend",
+    "subject",
     "tried",
 ]
 
