@@ -34,7 +34,7 @@ SEED = 5207
 OUT = Path(__file__).parent / "results" / "engine_boundaries.json"
 PAGE = Path(__file__).parent / "RESULTS_engine_boundaries.md"
 
-RANDOM, BOXES, PEOPLE = 24, 6, 200
+RANDOM, BOXES, PEOPLE = 20, 4, 200
 BEYOND = 1.3
 # Runs of the exchange ahead without that damper: light negative dampers grow slowly, and stiffnesses are low.
 AHEAD_S = 20.0
