@@ -24,7 +24,7 @@ from avc_casadi._util.page import print_by as _print_by
 
 TYPE_CHECKING = False  # typing takes long to load, and Ctrl-C meanwhile is a traceback
 
-__version__ = "0.3.0"
+__version__ = "0.4.0"
 
 # In the order of a user's day: problems, what a device can render, a coupling, its verdict, its motion, its file; the
 # methods of the paper; errors.
