@@ -43,6 +43,9 @@ USUAL_COUPLINGS = 9
 WORST_DEVICES = 8
 """Of the perturbed devices, so many are tried: those with which the loop is the least stable."""
 MOST_MOTIONS = ("press", "tap", "hold", "strike", "touch", "graze")
+MORE_FRICTION = 1.5
+"""Factor on the declared dry friction that a law must bear: friction that holds the motor while a structure swings may
+keep the swing going, and it is seldom known better than this."""
 _FEW = 0.03
 """Share of the loose grips that may still be on the way when the trial ends."""
 
@@ -101,6 +104,8 @@ class Evaluator:
         # They strike and touch lightly too: the last that come to rest behind a law.
         self._loose, self._corners = Group(loose_grips(problem.hands, 100, seed)), PlantFamily.of(problem).corner_hands
         self._devices = _devices(problem.device, seed)
+        friction_n = MORE_FRICTION * problem.device.coulomb_friction_n
+        self._with_more_friction = problem.device.model_copy(update={"coulomb_friction_n": friction_n})
 
     def __call__(self, coupling: Coupling) -> Candidate | None:
         """Return the coupling with its trials; None where it is not deployable, or further off in motion than asked."""
@@ -127,11 +132,25 @@ class Evaluator:
         loose = self._loose.settles(coupling, friction=self._lean)
         if loose.mean() < 1 - _FEW:
             return struck, loose
-        # A law knows its device: it must bear one that is a tenth off, with the declared friction.
-        off = None if coupling.runtime.state_feedback is None else try_perturbed_devices(coupling, self._seed)
-        if off is not None and off.trial.stable.mean() < 1 - _FEW:
-            return struck, off.trial.stable
+        if coupling.runtime.state_feedback is not None:
+            known_too_well = self._tried_off_the_file(coupling)
+            if known_too_well is not None:
+                return struck, known_too_well
         return struck, *(group.settles(coupling, friction=self._lean) for group in self._beyond)
+
+    def _tried_off_the_file(self, coupling: Coupling) -> BoolArray | None:
+        """Return which hands settle where a device differs from its file, if too few do; None where enough do.
+
+        A law knows its device. It must bear one with more friction, and devices a tenth off with the declared friction.
+        """
+        if self._with_more_friction.coulomb_friction_n > 0:
+            speeds = residual_speeds(coupling, self._corners, ("press", "strike"), device=self._with_more_friction)
+            if (speeds >= 1).any():
+                return np.asarray(speeds < 1)
+        off = try_perturbed_devices(coupling, self._seed)
+        if off is not None and off.trial.stable.mean() < 1 - _FEW:
+            return off.trial.stable
+        return None
 
     def first_complete(self, couplings: Iterable[Coupling]) -> Candidate | None:
         """Judge couplings until one is complete and confirmed, and return it; None where none is."""
