@@ -162,6 +162,7 @@ def test_a_slow_hand_moves_the_mass_over_one_plus_the_gain():
     assert moved.real == pytest.approx((8.0 + 20.0) / 2.5, rel=0.05)
 
 
+@pytest.mark.slow
 def test_the_gain_is_the_cause_where_the_rest_of_the_law_is_stable_without_it():
     law = {"force_feedback": {"gain": 46.0, "cutoff_hz": 200.0}, "damping_ns_per_m": 20.0}
     stated = avc.certify_force_feedback(rail(law, amplifier_bandwidth_hz=1000.0))
@@ -173,6 +174,7 @@ def test_the_gain_is_the_cause_where_the_rest_of_the_law_is_stable_without_it():
     assert "Ideal loop" not in str(soft)
 
 
+@pytest.mark.slow
 def test_a_low_pass_that_no_cutoff_makes_unstable_has_no_limit():
     law = {"force_feedback": {"gain": 0.02, "cutoff_hz": 200.0}, "damping_ns_per_m": 20.0}
     stated = avc.certify_force_feedback(rail(law))

@@ -16,6 +16,7 @@ PROBLEM = {
 }
 
 
+@pytest.mark.slow
 def test_each_column_is_the_interval_of_a_certificate():
     region = law_region(PROBLEM, "cutoff_hz")
     assert region.over == "velocity.cutoff_hz"

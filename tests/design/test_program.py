@@ -90,6 +90,7 @@ def test_responses_are_those_of_the_held_force(mass, damping, delay, hand, hz):
     assert found == pytest.approx(np.polyval(top.ravel(), z) / np.polyval(bottom, z) * z**-delay, rel=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("numbers", PROBLEMS)
 def test_the_disk_margin_is_where_a_complex_factor_ends_stability(numbers):
     """Every factor of the disk is borne by every hand; one a little beyond it is not by some."""

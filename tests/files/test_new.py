@@ -41,6 +41,7 @@ def answers(draw, units):
     return values, typed
 
 
+@pytest.mark.slow
 @settings(max_examples=30)
 @given(answers(LINEAR))
 def test_a_linear_device_is_read_back(tmp_path_factory, drawn):

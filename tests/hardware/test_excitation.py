@@ -101,6 +101,7 @@ def test_no_coupling_runs_beside_or_after_it_until_one_is_pushed():
     assert bench.core.state().has_table
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "wrong",
     [

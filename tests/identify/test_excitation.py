@@ -66,6 +66,7 @@ def test_commands_find_the_device_on_the_board(tmp_path, capsys):
     assert avc.load_device(mine).device.max_force_n == 8.0
 
 
+@pytest.mark.slow
 def test_a_plan_keeps_its_window_and_its_spring_and_fades_both_ways():
     """A step of the encoder is a tenth of the speed limit, with no tick more; a delay turns the spring by 0.3 rad."""
     late = {"delay_samples": 9, "coulomb_friction_n": 0.5, "range": {"coulomb_friction_n": (0.1, 1.0)}}

@@ -79,6 +79,7 @@ def test_each_slider_reaches_the_value_that_the_problem_has(base):
             assert field["low"] <= value / field["factor"] <= field["high"], field["key"]
 
 
+@pytest.mark.slow
 def test_the_rows_of_a_law_are_those_of_certify():
     gains = {"stiffness_n_per_m": 900.0, "damping_ns_per_m": 4.0}
     expected = own_law(avc.certify_law(BASE, k=900.0, b=4.0)).rows

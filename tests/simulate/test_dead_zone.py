@@ -43,6 +43,7 @@ def test_what_is_used_of_the_innovation_is_a_share_from_0_to_1(seed):
     assert (np.abs(used) <= np.abs(there) + 1e-18).all()
 
 
+@pytest.mark.slow
 def test_a_device_in_motion_is_believed_and_one_at_rest_only_beyond_the_half_width():
     time = T * np.arange(4000)
     moving = STEP * np.round(1e-3 / STEP * np.sin(2 * np.pi * time))
