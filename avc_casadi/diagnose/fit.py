@@ -437,16 +437,16 @@ def fit_log(task: FitTask, design: IntendedLaw, law: FittedLaw) -> tuple[Log, li
     return min(fitted, key=lambda log_and_fits: log_and_fits[1][0].misfit)
 
 
-def fit_plants(task: FitTask, design: IntendedLaw, lag: float, *, rigid: bool = False) -> list[PlantFit]:
+def fit_plants(task: FitTask, design: IntendedLaw, lag: float) -> list[PlantFit]:
     """Return device and hand in every structure, likeliest first; with a resonance or stops where nothing else fits.
 
-    `lag` is that of the law, ticks; `rigid` leaves out resonance and stops. With a clock whose ticks are no samples the
-    force is new after so many samples and one more: device and hand are fitted to the samples.
+    `lag` is that of the law, ticks. With a clock whose ticks are no samples the force is new after so many samples and
+    one more: device and hand are fitted to the samples.
     """
     log = task.log
     if log.even:
-        return _fits(task, design, Grid(log.period_s, 1.0), lag, rigid=rigid)
-    fits = _fits(task.by_samples(), design, Grid(log.sample_time_s, log.hold), lag * log.hold, rigid=rigid)
+        return _fits(task, design, Grid(log.period_s, 1.0), lag)
+    fits = _fits(task.by_samples(), design, Grid(log.sample_time_s, log.hold), lag * log.hold)
     return [fit.in_ticks(log) for fit in fits]
 
 
@@ -464,7 +464,7 @@ def beside_friction(
     friction_n = design.device.coulomb_friction_n
     for factor in _FRICTIONS if friction_n else ():
         device = design.device.model_copy(update={"coulomb_friction_n": factor * friction_n})
-        trials += fit_plants(task, replace(design, device=device), lag, rigid=True)
+        trials += fit_plants(task, replace(design, device=device), lag)
     most = _AS_LIKELY * min(trial.misfit for trial in trials)
     delays = [trial.best.delay for trial in trials if trial.misfit <= most]
 
@@ -474,7 +474,7 @@ def beside_friction(
     return [replace(fit, delay_error=error_of(fit)) for fit in fits]
 
 
-def _fits(task: FitTask, design: IntendedLaw, grid: Grid, lag: float, *, rigid: bool) -> list[PlantFit]:
+def _fits(task: FitTask, design: IntendedLaw, grid: Grid, lag: float) -> list[PlantFit]:
     """Return device and hand in every structure, likeliest first, on the grid of a log; `lag` is in its periods."""
     log, swing, stages = task.log, task.swing, task.stages
     inside = log.position_m[swing.first : swing.last]
@@ -493,12 +493,12 @@ def _fits(task: FitTask, design: IntendedLaw, grid: Grid, lag: float, *, rigid: 
     if left.size > _WHITE_FROM and samples_alike(left) <= LEAST_ALIKE:
         scatter, noise = max(scatter, least), max(noise, least)
     # Behind stops the acceleration is of a force that is not in the log.
-    if not rigid and least > _UNEXPLAINED * noise and swing.steps > _STOPS_STEPS:
+    if least > _UNEXPLAINED * noise and swing.steps > _STOPS_STEPS:
         for structure in plain:
             stages.begin("travel stops")
             trials += _with_stops(structure, inside, windows, noise, least)
     unexplained = min(trial.residual_m for trial in trials) > _UNEXPLAINED * noise
-    if not rigid and design.device.resonance is None and unexplained:
+    if design.device.resonance is None and unexplained:
         stages.begin("a resonance")
         resonant = _structures(design, grid, lag, swing.frequency_hz, resonant=True)
         trials += [_begin(structure, windows, noise) for structure in resonant]

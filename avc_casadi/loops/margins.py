@@ -238,7 +238,9 @@ class OpenLoop:
 
         def value(turn: FloatArray) -> FloatArray:
             gain = self.gain(turn[:, None], loops)[:, 0]
-            return np.where(real, gain.imag / np.abs(gain), np.log(np.abs(gain)))
+            # A window of ticks has angles at which L is exactly 0.
+            size = np.maximum(np.abs(gain), np.finfo(np.float64).tiny)
+            return np.where(real, gain.imag / size, np.log(size))
 
         turn = root(value, low, high)
         return _Crossings(turn, self.gain(turn[:, None], loops)[:, 0], real)
