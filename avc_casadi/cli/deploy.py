@@ -322,9 +322,6 @@ def run_monitor(args: argparse.Namespace, console: Console) -> Answer:
             log = stack.enter_context(avc_hardware.TelemetryLog(args.out, args.motion))
         console.say(text_of(_headline(device), units))
 
-    def ended(status: avc_hardware.DeviceStatus) -> None:
-        watched.ended = status
-
     with ExitStack() as stack:
         samples = avc_hardware.monitor(
             args.port,
@@ -333,7 +330,7 @@ def run_monitor(args: argparse.Namespace, console: Console) -> Answer:
             heartbeat_s=args.heartbeat_s,
             baud=args.baud,
             on_device=begun,
-            on_end=ended,
+            on_end=watched.end_with,
         )
         stack.enter_context(closing(samples))
         try:
@@ -383,6 +380,10 @@ class _Watched:
         if keep:
             words = fault_words.split(", ") if fault_words else []
             self.samples.append(plain(vars(sample) | {"fault_words": words}))
+
+    def end_with(self, status: avc_hardware.DeviceStatus) -> None:
+        """Keep the state of the device at the end."""
+        self.ended = status
 
     def document(self) -> dict[str, Any]:
         """Return the JSON values."""

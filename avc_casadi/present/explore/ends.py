@@ -248,14 +248,10 @@ def _wall_answer(
     certificate = explorer.cached(
         f"law {limits} {stated} {given}", lambda: certify_law(problem, **given, remedies=False, limits=limits)
     )
-    own = Judged(of_law(certificate), [shown for shown in own_law(certificate).rows if shown.rank == 0])
+    judged = Judged(of_law(certificate), [shown for shown in own_law(certificate).rows if shown.rank == 0])
     method = None
     if schedule is not None and settings.method in explorer.form.live:
-        gains = row("Gains", subject.counts(schedule.counts()))
-        method = Judged(None, [gains])
-        if extent is Extent.WHOLE:
-            verdict = None if coupling is None else deployable(coupling)
-            method = Judged(of_coupling(verdict), [subject.deployable(verdict), gains])
+        method = _method_judged(schedule, coupling, extent)
     if extent is Extent.WHOLE:
         runs = {}
         if "cutoff_hz" not in given and wall["stiffness_n_per_m"]:
@@ -267,7 +263,16 @@ def _wall_answer(
         names = {"own": "your k and b", "method": name}
         charts += touches(runs, problem, "wall at 0", names)
         charts.append(_region(explorer, problem, stated, wall))
-    return PageAnswer(law, charts, own, method)
+    return PageAnswer(law, charts, judged, method)
+
+
+def _method_judged(schedule: GainSchedule, coupling: Coupling | None, extent: Extent) -> Judged:
+    """Return how many gains a method finds; in a whole answer the verdict on its coupling too."""
+    gains = row("Gains", subject.counts(schedule.counts()))
+    if extent is not Extent.WHOLE:
+        return Judged(None, [gains])
+    verdict = None if coupling is None else deployable(coupling)
+    return Judged(of_coupling(verdict), [subject.deployable(verdict), gains])
 
 
 def _law_answer(

@@ -119,10 +119,10 @@ def doubts_of(problem: AdmittanceProblem) -> tuple[str, ...]:
         "device.drive_bandwidth_hz": device.drive_bandwidth_hz,
         "law.admittance.cutoff_hz": None if problem.law is None else problem.law.admittance.cutoff_hz,
     }
-    found = [*above_nyquist(frequencies, problem), *contact_doubts(problem), *sensor_doubts(problem)]
+    doubts = [*above_nyquist(frequencies, problem), *contact_doubts(problem), *sensor_doubts(problem)]
     if device.drive_order == 1 and device.drive_damping_ratio != DRIVE_DAMPING_RATIO:
-        found.append("device.drive_damping_ratio has no effect on a drive of first order; set device.drive_order = 2")
-    return tuple(found)
+        doubts.append("device.drive_damping_ratio has no effect on a drive of first order; set device.drive_order = 2")
+    return tuple(doubts)
 
 
 def above_nyquist(frequencies: Mapping[str, float | None], problem: SensorProblem) -> Iterator[str]:

@@ -20,8 +20,8 @@ def law_region(result: LawRegion, shown: str = "") -> Answer:
     for place in dict.fromkeys(np.linspace(0, len(result.values) - 1, _SHOWN).astype(int).tolist()):
         least, largest = float(result.least[place]), float(result.largest[place])
         (stable,) = number_limits({result.of: None if np.isnan(least) else (least, largest)})
-        at = Value.of(result.over, float(result.values[place])).text(problem.units)
-        rows.append(row(f"At {at}", stable.label.lower(), stable.values))
+        over_value = Value.of(result.over, float(result.values[place])).text(problem.units)
+        rows.append(row(f"At {over_value}", stable.label.lower(), stable.values))
     over = problem.units.key(result.over)
     rows.insert(0, row("Over", over, "with the other numbers of the law unchanged"))
     return subject.answer("law-region", result.document(), problem, shown, rows, "certify {}")

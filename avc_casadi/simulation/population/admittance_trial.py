@@ -150,9 +150,7 @@ def try_admittance(
     sizes = [len(task.numbers) for task in tasks]
     tried = map_tasks(simulated, tasks, executor, workers=workers, sizes=sizes, things="hands", progress=progress)
     order = np.argsort(np.concatenate([task.numbers for task in tasks]))
-    rests = {
-        name: np.concatenate([part.rests(name) for part in tried])[order] for name in dict.fromkeys(tried[0].motions)
-    }
+    rests = {name: np.concatenate([part.rests(name) for part in tried])[order] for name in tried[0].motions}
     whole = np.all(list(rests.values()), axis=0)
     at_rest = int(whole.sum())
     return AdmittanceTrial(

@@ -381,13 +381,14 @@ def _told_of_stuck(bounds: FaultBounds, law: VirtualImpedance, period_s: float) 
 
 def _told_of_push(bounds: FaultBounds) -> str:
     """Return what hands, contacts and the handle add: the motion of an error shakes the handle, which pushes back."""
-    each = f"The device moves by {bounds.pushed_back_m:.4g} m for each bad reading at most"
+    pushed_back = f"The device moves by {bounds.pushed_back_m:.4g} m for each bad reading at most"
     if math.isinf(bounds.pushed_back_m):
-        each = "The motion then has no bound"
+        pushed_back = "The motion then has no bound"
     return (
         "The motions above are those of the bad readings alone. Then hand, contact and the swing of the handle push "
-        f"back with a true force, which the law follows. {each}, with the hands and contacts of the problem. If true "
-        f"readings jump too, they are refused: before it stands still, the device moves by {bounds.stop_m:.4g} m more."
+        f"back with a true force, which the law follows. {pushed_back}, with the hands and contacts of the problem. "
+        f"If true readings jump too, they are refused: before it stands still, the device moves by "
+        f"{bounds.stop_m:.4g} m more."
     )
 
 
