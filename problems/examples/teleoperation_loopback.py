@@ -34,6 +34,7 @@ from scipy.linalg import expm
 
 import avc_casadi as avc
 from avc_casadi.coupling import Coupling
+from avc_casadi.model.ends import ToolGains
 from avc_hardware import export_c
 
 Array = NDArray[np.float64]
@@ -207,6 +208,23 @@ def moves_m(records: list[Array]) -> float:
     return max(float(np.ptp(one[end - 500 : end, 1])) for one in records for end in ends)
 
 
+def result_lines(records: list[Array], gains: ToolGains, late_s: float, slower: float) -> list[str]:
+    """Return whether both boards settle, and how many times slower a run must be whose samples came late."""
+    motion_m = moves_m(records)
+    link = f"{1e3 * DELAY_S:g} ms each way, {100 * LOST:g} % lost"
+    settles = "settles" if motion_m < SETTLED_M else "does not settle"
+    pressed = f"{-records[0][-1, 2]:.2f} N at the leader, {records[1][-1, 2]:.2f} N at the follower"
+    coupling = f"K {gains.stiffness_n_per_m:.0f} N/m, B {gains.damping_ns_per_m:.1f} N.s/m"
+    rest = f"{settles}, {1e6 * motion_m:.1f} um of motion left"
+    lines = [f"{coupling}, {link}: {rest}; pressed with {pressed}; samples up to {1e3 * late_s:.1f} ms late"]
+    if late_s > SAMPLE_S:
+        lines.append(
+            "samples came late: other work held the processor, and the link was silent in place of late; "
+            f"judge by a run with --slower {2 * slower * late_s / SAMPLE_S:.0f}"
+        )
+    return lines
+
+
 def main() -> int:
     """Run both boards, write the picture, and return 0 where they settle."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -219,6 +237,7 @@ def main() -> int:
     if answer.coupling is None:
         print(answer.reason)
         return 1
+    gains = answer.coupling.gains
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         library, (first, second) = compiled(answer.coupling, folder), free_ports()
@@ -238,21 +257,11 @@ def main() -> int:
             return 1
         found = [json.loads((folder / end).read_text(encoding="utf-8")) for end in ends]
     records = [np.array(one["rows"]) for one in found]
-    left, late = moves_m(records), max(one["late_s"] for one in found)
-    settles = left < SETTLED_M
-    gains = answer.coupling.gains
-    print(
-        f"K {gains.stiffness_n_per_m:.0f} N/m, B {gains.damping_ns_per_m:.1f} N.s/m, {1e3 * DELAY_S:g} ms each way, "
-        f"{100 * LOST:g} % lost: {'settles' if settles else 'does not settle'}, {1e6 * left:.1f} um of motion left; "
-        f"pressed with {-records[0][-1, 2]:.2f} N at the leader, {records[1][-1, 2]:.2f} N at the follower; samples up "
-        f"to {1e3 * late:.1f} ms late"
-    )
-    if late > SAMPLE_S:
-        busy = "other work held the processor, and the link was silent in place of late"
-        print(f"samples came late: {busy}; judge by a run with --slower {2 * slower * late / SAMPLE_S:.0f}")
+    late_s = max(one["late_s"] for one in found)
+    print(*result_lines(records, gains, late_s, slower), sep="\n")
     draw(records, f"K {gains.stiffness_n_per_m:.0f} N/m, B {gains.damping_ns_per_m:.1f} N.s/m", out)
     print(f"picture: {out}")
-    return 0 if settles else 1
+    return 0 if moves_m(records) < SETTLED_M else 1
 
 
 def draw(records: list[Array], title: str, out: Path) -> None:

@@ -7,8 +7,11 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hardware_bench import require
+
+from avc_casadi.model.ends import ToolGains
 
 EXAMPLES = Path(__file__).parents[2] / "problems" / "examples"
 ENGINES = {"mujoco": "MuJoCo", "pybullet": "PyBullet"}
@@ -37,21 +40,28 @@ def test_recommended_coupling_settles_and_one_beyond_the_limit_does_not(module, 
 # The example of a teleoperator over a socket: two boards with the exported C settle on a late link with losses.
 
 
-def loopback(out, slower):
-    require("cc")
-    return run("teleoperation_loopback", "--slower", slower, "--out", out, CC="cc")
+def loopback():
+    """The example as a module."""
+    spec = importlib.util.spec_from_file_location("teleoperation_loopback", EXAMPLES / "teleoperation_loopback.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
-@pytest.mark.slow
-def test_samples_that_come_late_ask_for_a_slower_run(tmp_path):
-    assert "judge by a run with --slower" in loopback(tmp_path / "link.png", 0.01).stdout  # no computer is on time
+@pytest.mark.parametrize(("late_s", "slower", "needed"), [(0.0009, 1.0, None), (0.004, 1.0, "8"), (0.003, 10.0, "60")])
+def test_samples_that_come_late_ask_for_a_slower_run(late_s, slower, needed):
+    """Twice as slow as what brings the latest sample into its period."""
+    at_rest = [np.zeros((5000, 3)), np.zeros((5000, 3))]
+    text = "\n".join(loopback().result_lines(at_rest, ToolGains(600.0, 5.0), late_s, slower))
+    assert re.findall(r"--slower (\d+)", text) == ([] if needed is None else [needed])
 
 
 @pytest.mark.slow
 def test_two_boards_settle_and_are_drawn(tmp_path):
     """Slowed down: where other work takes the processor for long, the link is silent, and its force fades."""
+    require("cc")
     picture = tmp_path / "link.png"
-    done = loopback(picture, 10)
+    done = run("teleoperation_loopback", "--slower", 10, "--out", picture, CC="cc")
     assert done.returncode == 0, done.stdout + done.stderr
     assert ": settles, " in done.stdout
     assert picture.read_bytes().startswith(b"\x89PNG")
