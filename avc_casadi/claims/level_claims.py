@@ -15,6 +15,13 @@ from avc_casadi.loops.plant_family import WorstCase
 from avc_casadi.model.problem import Model
 
 
+@dataclass(frozen=True)
+class LevelName(Worded):
+    """A level of `LEVELS`, by its key."""
+
+    key: str
+
+
 class LevelFinding(Worded):
     """Base of findings."""
 

@@ -21,6 +21,7 @@ from avc_casadi.claims.level_claims import (
     BehindFeedback,
     LevelClaim,
     LevelFinding,
+    LevelName,
     MarginFault,
     NegativeStiffness,
     NonIdeality,
@@ -54,21 +55,15 @@ Where = Literal["own", "band", "all"]
 
 @dataclass(frozen=True)
 class Level:
-    """What one level claims and leaves, where and with which hold.
+    """Where and with which hold a level is judged.
 
     Attributes:
-        title: name of the level.
-        claims: what it claims if it passes.
-        leaves: what it does not say.
         where: frequencies at which a row is judged.
         hold: the model of the hold; None for the problem's.
         any_environment: whether it holds with any passive environment, not with the problem's alone.
         on_demand: whether it is judged on request alone.
     """
 
-    title: str
-    claims: str
-    leaves: str
     where: Where = "all"
     hold: Model | None = None
     any_environment: bool = False
@@ -76,52 +71,15 @@ class Level:
 
 
 LEVELS = {
-    "L0": Level(
-        "passive at its own frequency",
-        "Re Z_h >= 0 at each row's own frequency, the paper's (12); a table of one row is judged at every frequency of"
-        " the problem",
-        "other frequencies, although the hand excites them all",
-        where="own",
-    ),
-    "L1": Level(
-        "passive in a band about its own frequency",
-        "the same in a band of frequencies about each row's own (`band_factor`)",
-        "the rest of the spectrum",
-        where="band",
-    ),
-    "L2": Level(
-        "passive at all frequencies, paper's hold",
-        "each frozen row is passive with this wall at every frequency, with the paper's hold",
-        "the hold of a real device, which keeps each force for a whole sample",
-        hold="paper",
-    ),
-    "L3": Level(
-        "passive at all frequencies, sampled-data hold",
-        "as L2, with the sampled-data hold: the exact condition of Colgate and Schenkel",
-        "changing gains; friction, encoder, saturation",
-        hold="sampled-data",
-    ),
-    "L4": Level(
-        "Llewellyn, any passive environment",
-        "Llewellyn's (6): passive with any passive wall that the device's own loop computes every T",
-        "what L2 or L3 does not cover, whichever has the problem's hold; an engine's tool, which is not such a wall "
-        "(see the engine's port)",
-        any_environment=True,
-    ),
-    "L5": Level(
-        "linearly stable with a set of hands",
-        "with the gains of any one row, the sampled loop without friction is linearly stable with every hand of the "
-        "ranges; *checked* at the corners, at random hands, and by a search for the worst hand",
-        "passivity; hands outside the ranges; switching",
-    ),
-    "L7": Level(
-        "settles with every hand, making and breaking contact",
-        "each frozen row settles with every hand of the range, for any place of rest and any initial state, making and"
-        " breaking contact, on the device that the claim names (with `--prove`)",
-        "changing gains; friction, encoder; backlash, with which the claim is open",
-        on_demand=True,
-    ),
+    "L0": Level(where="own"),
+    "L1": Level(where="band"),
+    "L2": Level(hold="paper"),
+    "L3": Level(hold="sampled-data"),
+    "L4": Level(any_environment=True),
+    "L5": Level(),
+    "L7": Level(on_demand=True),
 }
+"""Levels of a certificate, from the weakest claim to the strongest; `present` says what each claims."""
 
 
 _ROWS_AT_ONCE = 4000
@@ -252,8 +210,8 @@ class LevelResult(Document):
 
     @property
     def title(self) -> str:
-        """Name of the level, as its table gives it."""
-        return LEVELS[self.level].title
+        """Name of the level, in words."""
+        return worded(LevelName(self.level))
 
     @property
     def claim(self) -> str:

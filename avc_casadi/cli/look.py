@@ -53,7 +53,7 @@ def run_check(args: argparse.Namespace, console: Console) -> Answer:  # noqa: AR
     from avc_casadi.files.admittance_file import is_admittance
     from avc_casadi.files.plausibility import plausibility
     from avc_casadi.files.problem_file import is_device
-    from avc_casadi.recommendation.preconditions import doubts, not_used
+    from avc_casadi.recommendation.preconditions import not_used
     from avc_casadi.recommendation.refusals import refusal
 
     if is_admittance(args.problem):
@@ -62,7 +62,7 @@ def run_check(args: argparse.Namespace, console: Console) -> Answer:  # noqa: AR
         return rows.look.device(avc.load_device(args.problem), args.problem.removeprefix("devices/"))
     stated = avc.load_problem(args.problem)
     warnings = [rows.look.Doubt(fault.key, fault.message) for fault in plausibility(stated)]
-    warnings += [rows.look.Doubt(key, message) for key, message in doubts(stated.end, stated).items()]
+    warnings += rows.look.doubts_of(stated.end, stated)
     refused = refusal(stated.end, stated)
     why = "" if refused is None else worded(refused, stated.units)
     result = rows.look.CheckedProblem(stated, not_used(stated), tuple(warnings), why)

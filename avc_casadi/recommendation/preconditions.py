@@ -11,7 +11,6 @@ from avc_casadi.claims.deployable import detent_claim
 from avc_casadi.claims.impedance import PRESS_N
 from avc_casadi.files.plausibility import plausibility
 from avc_casadi.files.problem_file import BELOW_NYQUIST
-from avc_casadi.loops.engine import ToolLoops
 from avc_casadi.loops.plant_family import PlantFamily
 from avc_casadi.loops.wall import MAX_DELAY_SAMPLES
 from avc_casadi.loops.walls import damping_range, softest_wall_n_per_m
@@ -255,36 +254,3 @@ def _unused_of_teleoperator(follower: Follower, problem: Problem) -> list[Unused
         for key in _NOT_OF_TELEOPERATORS
         if getattr(device, key) > 0 or getattr(device.range, key) is not None
     ]
-
-
-@singledispatch
-def doubts(end: End, problem: Problem) -> dict[str, str]:  # noqa: ARG001
-    """Return unusual values of an end by key, as warnings before any coupling is searched."""
-    return {}
-
-
-@doubts.register
-def _doubts_of_simulation(tool: Simulation, problem: Problem) -> dict[str, str]:
-    """Return what is costliest in stiffness, or beyond any coupling."""
-    t, doubt_of = problem.device.sample_time_s, dict[str, str]()
-    if not ToolLoops(problem).engine_alone_stable():
-        doubt_of["contact_stiffness_n_per_m"] = (
-            "makes the engine's own contact unstable at this step, whatever the coupling"
-        )
-    if tool.exchange == "ahead" and tool.tool_mass_kg is not None:
-        doubt_of["exchange"] = (
-            "is ahead: the device receives a state that is already the result of its force, which acts like a negative "
-            "damper; a damper in the device's loop compensates this. Better send the state with which the step began "
-            "(on-time)"
-        )
-    if tool.integrator == "explicit":
-        doubt_of["integrator"] = (
-            "is explicit: it adds energy to every oscillation; use semi-implicit if the engine has it"
-        )
-    if tool.substeps > 1:
-        doubt_of["substeps"] = (
-            "hold a force for the whole step; compute it in each substep instead, and state that time as step_s"
-        )
-    if any(abs(step_s / t - round(step_s / t)) > 1e-6 for step_s in tool.step_s):
-        doubt_of["step_s"] = f"is not a multiple of T = {t:g} s: every phase of the two clocks is judged"
-    return {f"{tool.kind}.{key}": text for key, text in doubt_of.items()}

@@ -20,12 +20,12 @@ from pydantic_core import PydanticUndefined
 from script_arguments import script_arguments
 from studied import table
 
-from avc_casadi.claims.levels import LEVELS
 from avc_casadi.model import EFFECTS, METHODS
 from avc_casadi.model.control_law import FILTERS, VELOCITIES
 from avc_casadi.model.effects import Effect
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.scene import coupling_name
+from avc_casadi.present.rows.level_words import LEVEL_TEXTS
 
 _HEAD = ("key", "unit", "default", "allowed", "meaning")
 
@@ -166,7 +166,7 @@ def key_tables() -> str:
 
 def levels_table() -> str:
     """The levels of a certificate, as their table says."""
-    rows = [(name, claim.claims, claim.leaves) for name, claim in LEVELS.items()]
+    rows = [(name, text.claims, text.leaves) for name, text in LEVEL_TEXTS.items()]
     return table(("level", "claim, if it passes", "not covered"), rows)
 
 

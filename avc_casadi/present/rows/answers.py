@@ -18,7 +18,7 @@ from avc_casadi.claims.deployable import (
 from avc_casadi.claims.engine_port import PortPassivity
 from avc_casadi.claims.force_feedback import ForceFeedbackCertificate
 from avc_casadi.claims.joint import JointCertificate
-from avc_casadi.claims.level_claims import LevelFinding, WhyNotJudged
+from avc_casadi.claims.level_claims import LevelFinding, LevelName, WhyNotJudged
 from avc_casadi.claims.mass_width import MassWidth
 from avc_casadi.claims.own_law import LawCertificate
 from avc_casadi.claims.prove.grounds import Ground
@@ -72,6 +72,7 @@ clauses.register(LawCertificate, law_words.law_clauses)
 clauses.register(Assumption, assumption_words.assumption_clauses)
 clauses.register(Unused, assumption_words.unused_clauses)
 clauses.register(Ground, proof_words.ground_clauses)
+clauses.register(LevelName, level_words.level_name_clauses)
 clauses.register(LevelFinding, level_words.level_clauses)
 clauses.register(WhyNotJudged, level_words.refusal_clauses)
 clauses.register(LimitCycleFreedom, level_words.limit_cycle_clauses)

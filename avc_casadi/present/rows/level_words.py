@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 from functools import singledispatch
 
 from avc_casadi._util.text import quantity
@@ -16,6 +17,7 @@ from avc_casadi.claims.level_claims import (
     DetentsBehindFeedback,
     HandsClaim,
     LevelFinding,
+    LevelName,
     NegativeStiffness,
     NonIdeality,
     NoProofWithPaperHold,
@@ -50,6 +52,64 @@ _NON_IDEALITIES = {
 }
 _WORST_FIRST: tuple[Outcome, ...] = ("refuted", "open", "proved")
 """Outcomes of proofs in the order in which they are counted."""
+
+
+@dataclass(frozen=True)
+class LevelText:
+    """What a level is called, what it claims if it is met, and what it does not cover."""
+
+    title: str
+    claims: str
+    leaves: str
+
+
+LEVEL_TEXTS = {
+    "L0": LevelText(
+        "passive at its own frequency",
+        "Re Z_h >= 0 at each row's own frequency, the paper's (12); a table of one row is judged at every frequency of"
+        " the problem",
+        "other frequencies, although the hand excites them all",
+    ),
+    "L1": LevelText(
+        "passive in a band about its own frequency",
+        "the same in a band of frequencies about each row's own (`band_factor`)",
+        "the rest of the spectrum",
+    ),
+    "L2": LevelText(
+        "passive at all frequencies, paper's hold",
+        "each frozen row is passive with this wall at every frequency, with the paper's hold",
+        "the hold of a real device, which keeps each force for a whole sample",
+    ),
+    "L3": LevelText(
+        "passive at all frequencies, sampled-data hold",
+        "as L2, with the sampled-data hold: the exact condition of Colgate and Schenkel",
+        "changing gains; friction, encoder, saturation",
+    ),
+    "L4": LevelText(
+        "Llewellyn, any passive environment",
+        "Llewellyn's (6): passive with any passive wall that the device's own loop computes every T",
+        "what L2 or L3 does not cover, whichever has the problem's hold; an engine's tool, which is not such a wall "
+        "(see the engine's port)",
+    ),
+    "L5": LevelText(
+        "linearly stable with a set of hands",
+        "with the gains of any one row, the sampled loop without friction is linearly stable with every hand of the "
+        "ranges; *checked* at the corners, at random hands, and by a search for the worst hand",
+        "passivity; hands outside the ranges; switching",
+    ),
+    "L7": LevelText(
+        "settles with every hand, making and breaking contact",
+        "each frozen row settles with every hand of the range, for any place of rest and any initial state, making and"
+        " breaking contact, on the device that the claim names (with `--prove`)",
+        "changing gains; friction, encoder; backlash, with which the claim is open",
+    ),
+}
+"""Words of `claims.levels.LEVELS`."""
+
+
+def level_name_clauses(name: LevelName, units: Units) -> tuple[str, ...]:  # noqa: ARG001
+    """Return the title of a level."""
+    return (LEVEL_TEXTS[name.key].title,)
 
 
 @singledispatch

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import singledispatch
 from typing import TYPE_CHECKING, Any
@@ -12,6 +12,7 @@ from avc_casadi._util.units import LINEAR, RADII
 from avc_casadi.files.catalogue import CatalogueEntry
 from avc_casadi.files.device_file import DeviceFile
 from avc_casadi.files.problem_file import problem_document
+from avc_casadi.loops.engine import ToolLoops
 from avc_casadi.loops.wall import passive_limit_n_per_m
 from avc_casadi.model.declared import declared
 from avc_casadi.model.ends import End, Follower, Simulation, Wall
@@ -50,6 +51,41 @@ class Doubt:
     def text(self) -> str:
         """Key and message in a line."""
         return f"{self.key} {self.message}"
+
+
+_CONTACT_UNSTABLE = "makes the engine's own contact unstable at this step, whatever the coupling"
+_AHEAD = (
+    "is ahead: the device receives a state that is already the result of its force, which acts like a negative damper; "
+    "a damper in the device's loop compensates this. Better send the state with which the step began (on-time)"
+)
+_EXPLICIT = "is explicit: it adds energy to every oscillation; use semi-implicit if the engine has it"
+_SUBSTEPS = "hold a force for the whole step; compute it in each substep instead, and state that time as step_s"
+_WHOLE_SAMPLES = 1e-6
+"""Share of a sample by which an engine's step may differ from a whole number of them."""
+
+
+@singledispatch
+def doubts_of(end: End, problem: Problem) -> Iterator[Doubt]:  # noqa: ARG001
+    """Yield values of an end that are unusual, though valid, before any coupling is searched."""
+    yield from ()
+
+
+@doubts_of.register
+def _doubts_of_simulation(tool: Simulation, problem: Problem) -> Iterator[Doubt]:
+    """Yield what costs most stiffness, or what no coupling can stabilise."""
+    sample_time_s = problem.device.sample_time_s
+    if not ToolLoops(problem).engine_alone_stable():
+        yield Doubt("simulation.contact_stiffness_n_per_m", _CONTACT_UNSTABLE)
+    if tool.exchange == "ahead" and tool.tool_mass_kg is not None:
+        yield Doubt("simulation.exchange", _AHEAD)
+    if tool.integrator == "explicit":
+        yield Doubt("simulation.integrator", _EXPLICIT)
+    if tool.substeps > 1:
+        yield Doubt("simulation.substeps", _SUBSTEPS)
+    samples = [step_s / sample_time_s for step_s in tool.step_s]
+    if any(abs(count - round(count)) > _WHOLE_SAMPLES for count in samples):
+        step = f"is not a multiple of T = {sample_time_s:g} s: every phase of the two clocks is judged"
+        yield Doubt("simulation.step_s", step)
 
 
 @dataclass(frozen=True)
