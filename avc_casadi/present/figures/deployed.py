@@ -1,4 +1,4 @@
-"""The deployed coupling: rendered against wanted, its loop with its margins, and the region of stable ones."""
+"""The deployed coupling: rendered against required, its loop with its margins, and the region of stable ones."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _PRESS_MM = 10.0
 
 _WORST_HAND = "least damped hand"
 _OTHER_HANDS = "other hands of the range"
-_WANTED: dict[str, Any] = {"color": "0.72", "linewidth": 4.0, "zorder": 2}
+_REQUIRED: dict[str, Any] = {"color": "0.72", "linewidth": 4.0, "zorder": 2}
 _WORST: dict[str, Any] = {"color": style.BLUE, "linewidth": 1.5, "zorder": 5}
 _RELEASED: dict[str, Any] = {"color": style.ORANGE, "linewidth": 1.4, "linestyle": style.DASHED, "zorder": 6}
 _OTHERS: dict[str, Any] = {"color": "0.6", "linewidth": 0.6, "zorder": 3}
@@ -33,12 +33,12 @@ _PHASE: dict[str, Any] = {"color": style.GREEN, "linewidth": 2.2, "zorder": 7, "
 
 
 def draw_rendered(coupling: Deployed | Coupling) -> Figure:
-    """Draw rendered against wanted: dynamic stiffness at the handle, and presses against time."""
+    """Draw rendered against required: dynamic stiffness at the handle, and presses against time."""
     return rendered(coupling if isinstance(coupling, Deployed) else deployed(coupling)).figure()
 
 
 def rendered(shown: Deployed) -> style.Drawing:
-    """Return the panels of rendered against wanted."""
+    """Return the panels of rendered against required."""
 
     def paint(panels: Sequence[Axes]) -> None:
         stiffness, press = panels
@@ -50,17 +50,17 @@ def rendered(shown: Deployed) -> style.Drawing:
 
 
 def _stiffness(axes: Axes, shown: Deployed) -> None:
-    """Draw the dynamic stiffness at the handle, |K + j omega B| where it is wanted, over frequency."""
+    """Draw the dynamic stiffness at the handle, |K + j omega B| where it is required, over frequency."""
     problem, response = shown.coupling.problem, shown.frequency_sweep
     wall = problem.environment
     hz = response.frequency_hz
     rendered = response.stiffness_n_per_m
-    wanted = np.abs(wall.stiffness_n_per_m + 2j * np.pi * hz * wall.damping_ns_per_m)
+    required = np.abs(wall.stiffness_n_per_m + 2j * np.pi * hz * wall.damping_ns_per_m)
     axes.plot(hz, rendered, label="rendered", marker="o", markerfacecolor="white", **_WORST)
-    axes.plot(hz, wanted, label="wanted", **_WANTED)
-    values = np.concatenate([wanted, rendered])
+    axes.plot(hz, required, label="required", **_REQUIRED)
+    values = np.concatenate([required, rendered])
     values = values[np.isfinite(values) & (values > 0)]
-    if values.size and values.max() > 3 * np.median(values):  # rendered far beyond most of what is wanted
+    if values.size and values.max() > 3 * np.median(values):  # rendered far beyond most of what is required
         axes.set_yscale("log")
         style.log_ticks(axes.yaxis, *axes.get_ylim())
     else:
@@ -79,7 +79,7 @@ def _presses(axes: Axes, shown: Deployed) -> None:
     hand_n_per_m = float(np.atleast_1d(shown.hands.stiffness_n_per_m)[worst])
     if wall_n_per_m > 0:
         aim_mm = _PRESS_MM / problem.device.metres_per_unit
-        axes.axhline(aim_mm * hand_n_per_m / (wall_n_per_m + hand_n_per_m), label="wanted", **_WANTED)
+        axes.axhline(aim_mm * hand_n_per_m / (wall_n_per_m + hand_n_per_m), label="required", **_REQUIRED)
     axes.axhline(0, **_ZERO)
     deepest = float(np.max(1e3 * shown.press_m, initial=0.0))
     if np.isfinite(deepest) and deepest > 0:
@@ -191,17 +191,17 @@ def draw_zwidth(region: ZWidth) -> Figure:
         fill = curve.key == "passive-sampled-data"
         _curve(plane, damping, stiffness, label, fill=fill, color=colour, linestyle=dash, linewidth=width)
     _literature(plane, region)
-    wanted_n_per_m, wanted_ns_per_m = region.target_stiffness_n_per_m, region.target_damping_ns_per_m
+    required_n_per_m, required_ns_per_m = region.target_stiffness_n_per_m, region.target_damping_ns_per_m
     in_view = [np.array([region.encoder_limit_n_per_m or 0.0]), *stiffnesses]
-    if wanted_n_per_m > 0:
+    if required_n_per_m > 0:
         # A wall without damping has no place on a logarithmic axis: the left edge.
-        place = max(wanted_ns_per_m, float(damping[0]))
-        name = f"required wall: {quantity(wanted_n_per_m, unit('N/m'))}, {quantity(wanted_ns_per_m, unit('N.s/m'))}"
+        place = max(required_ns_per_m, float(damping[0]))
+        name = f"required wall: {quantity(required_n_per_m, unit('N/m'))}, {quantity(required_ns_per_m, unit('N.s/m'))}"
         look: dict[str, Any] = {"markersize": 11, "color": "#b2182b", "markeredgecolor": "white", "clip_on": False}
-        plane.plot(place, wanted_n_per_m, "*", label=name, zorder=6, **look)
-        in_view.append(np.array([wanted_n_per_m]))
+        plane.plot(place, required_n_per_m, "*", label=name, zorder=6, **look)
+        in_view.append(np.array([required_n_per_m]))
     reached = [damping[np.nan_to_num(stiffness) > 0].max(initial=0.0) for stiffness in stiffnesses]
-    widest = max([wanted_ns_per_m, *reached])
+    widest = max([required_ns_per_m, *reached])
     _plane(plane, in_view, (float(damping[0]), 1.5 * widest or float(damping[-1])))
     plane.set(xlabel=f"wall damping B ({unit('N·s/m')})", ylabel=f"wall stiffness K ({unit('N/m')})")
     return style.with_legend(figure, 2)

@@ -103,16 +103,16 @@ class Line:
         axes.plot(np.asarray(x)[order], np.asarray(y)[order], **(looks | changes))
 
     def draw_where(self, usable: BoolArray, axes: Axes, x: ArrayLike, y: ArrayLike, **changes: Any) -> None:
-        """Draw a line where gains exist; wanted values elsewhere are points, never a line."""
+        """Draw a line where gains exist; requested values elsewhere are points, never a line."""
         values = np.asarray(y, dtype=float)
-        wanted = np.where(usable, np.nan, values)
-        points = bool(np.isfinite(wanted).any())
+        requested = np.where(usable, np.nan, values)
+        points = bool(np.isfinite(requested).any())
         if points and not usable.any():
             changes = {"label": "_"} | changes
         self.draw(axes, x, np.where(usable, values, np.nan), **changes)
         if points:
             label = f"{self.label} asks for, not realisable"
-            self.draw(axes, x, wanted, markers=60, label=label, linestyle="none", marker="x", markersize=3.2)
+            self.draw(axes, x, requested, markers=60, label=label, linestyle="none", marker="x", markersize=3.2)
 
 
 _LINES = (
