@@ -10,6 +10,7 @@ import numpy as np
 
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.arrays import FloatArray
+from avc_casadi._util.counts import IN_MEMORY, Count, refuse_counts, seed_count
 from avc_casadi._util.json_values import Document, plain
 from avc_casadi._util.printed import Columns, Tabular
 from avc_casadi._util.progress import SILENT, Progress
@@ -133,7 +134,7 @@ def certify(
         same by row, shape (n,).
 
     Raises:
-        InputError: gains of another sample time, or neither a table nor a coupling.
+        InputError: gains of another sample time, a count out of its range, or neither a table nor a coupling.
         UnsupportedError: a delay that a level takes in whole samples only.
 
     Example:
@@ -141,6 +142,7 @@ def certify(
         >>> [name for name, level in certificate.levels.items() if not level.passed]
         ['L4']
     """
+    refuse_counts(Count("draws", draws, 0, IN_MEMORY), seed_count(seed))
     problem = require_wall(problem)
     table = _schedule_of(gains)
     check_sample_time(table.sample_time_s, problem, f"gains by {table.method} for {table.problem}")

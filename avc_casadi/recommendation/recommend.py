@@ -7,6 +7,7 @@ from concurrent.futures import Executor
 from functools import singledispatch
 from typing import Any, Protocol, TypeVar
 
+from avc_casadi._util.counts import hands_count, refuse_counts, seed_count, workers_count
 from avc_casadi._util.parallel import Crew
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.coupling import Coupling
@@ -91,7 +92,8 @@ def recommend(  # noqa: PLR0913 - options by name, of a public call
         executor: runs the trials in place of the processes of this call (walls only).
 
     Raises:
-        InputError: faults of the file, or an option that does not apply to the remote end.
+        InputError: faults of the file, a count out of its range (at most 100 000 hands), or an option that does not
+            apply to the remote end.
         WorkerLostError: a worker died.
 
     Example:
@@ -100,6 +102,7 @@ def recommend(  # noqa: PLR0913 - options by name, of a public call
         True
     """
     stated = require_device(problem)
+    refuse_counts(hands_count(hands), seed_count(seed), workers_count(workers))
     options = Request(
         hands=hands,
         seed=seed,
@@ -129,4 +132,5 @@ def judged_as_recommended(
     progress: Progress = SILENT,
 ) -> WallRecommendation:
     """Certify and try the gains of a method as `recommend` does its own, whatever the verdict."""
+    refuse_counts(hands_count(hands))
     return judged(Coupling.from_schedule(problem, gains, versions=versions), gains, hands, progress)

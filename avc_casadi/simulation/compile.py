@@ -12,6 +12,7 @@ import numpy as np
 
 from avc_casadi._errors import Fault, InputError, UnsupportedError
 from avc_casadi._util.arrays import FloatArray
+from avc_casadi._util.counts import refuse_counts, seed_count
 from avc_casadi._util.interrupt import DeferredInterrupt
 from avc_casadi.coupling import contact_law
 from avc_casadi.model import EFFECTS
@@ -156,8 +157,7 @@ class CompiledScene:
 
     def input_values(self, seed: int = 0) -> FloatArray:
         """Return the inputs at every sample, shape (inputs, samples)."""
-        if seed < 0:
-            raise InputError.of(f"is {seed}; allowed: 0 or more", key="seed")
+        refuse_counts(seed_count(seed))
         columns = [slot.values(self.samples, seed) for slot in self._tick.inputs if slot.values is not None]
         return np.array(columns, dtype=np.float64).reshape(len(columns), self.samples)
 

@@ -18,6 +18,7 @@ import numpy as np
 
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.arrays import BoolArray, FloatArray
+from avc_casadi._util.counts import hands_count, refuse_counts, seed_count, workers_count
 from avc_casadi._util.parallel import map_tasks
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.design.methods import solve
@@ -282,6 +283,7 @@ def table1(
         executor: runs them in place of processes of its own.
         progress: reported over the hands.
     """
+    refuse_counts(hands_count(hands), seed_count(seed), workers_count(workers))
     tasks = [
         _Task(wall, first, min(HANDS_AT_ONCE, hands - first))
         for wall in walls

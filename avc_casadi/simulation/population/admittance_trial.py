@@ -12,6 +12,7 @@ import numpy as np
 
 from avc_casadi._errors import InputError, UnsupportedError
 from avc_casadi._util.arrays import FloatArray
+from avc_casadi._util.counts import hands_count, refuse_counts, seed_count, workers_count
 from avc_casadi._util.parallel import map_tasks
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.files.admittance_file import AnyAdmittance, as_admittance
@@ -142,10 +143,11 @@ def try_admittance(
         progress: told how many hands are done.
 
     Raises:
-        InputError: no hand, a value that is refused, or no law.
+        InputError: a count out of its range, a value that is refused, or no law.
         UnsupportedError: a drive that follows a position.
     """
-    stated = _ready_for_trial(as_admittance(problem), hands)
+    refuse_counts(hands_count(hands), seed_count(seed), workers_count(workers))
+    stated = _ready_for_trial(as_admittance(problem))
     tasks = _tasks(stated, hands, seed)
     sizes = [len(task.numbers) for task in tasks]
     tried = map_tasks(simulated, tasks, executor, workers=workers, sizes=sizes, things="hands", progress=progress)
@@ -174,10 +176,8 @@ def try_admittance(
     )
 
 
-def _ready_for_trial(problem: AdmittanceProblem, hands: int) -> AdmittanceProblem:
+def _ready_for_trial(problem: AdmittanceProblem) -> AdmittanceProblem:
     """Return a problem that has a law and a drive whose motion is simulated; refuse any other."""
-    if hands < 1:
-        raise InputError.of(f"is {hands}; allowed: 1 or more", key="hands")
     if problem.device.drive == "position":
         fact = f'{problem.typed_name}: device.drive is "position"'
         raise UnsupportedError(f"{fact}: hands are simulated at drives of velocities; ask avc certify", key="")

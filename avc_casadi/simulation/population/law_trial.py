@@ -13,6 +13,7 @@ import numpy as np
 
 from avc_casadi._errors import InputError, UnsupportedError
 from avc_casadi._util.arrays import BoolArray, FloatArray, IndexArray
+from avc_casadi._util.counts import hands_count, refuse_counts, seed_count
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.files.problem_file import require_device
 from avc_casadi.model.declared import declared_effects
@@ -161,12 +162,11 @@ def try_law(
     """Try the law of a problem with simulated hands; without `friction` at none alone.
 
     Raises:
-        InputError: no hand, or a problem without [law].
+        InputError: a count out of its range, or a problem without [law].
         UnsupportedError: neither the device nor the lightest hand has a mass, or there is no device.
     """
     require_device(problem)
-    if hands < 1:
-        raise InputError.of(f"is {hands}; allowed: 1 or more", key="hands")
+    refuse_counts(hands_count(hands), seed_count(seed))
     if problem.law is None:
         raise InputError.of("is missing; allowed: a table [law], or a coupling file", file=problem.name, key="law")
     if problem.device.mass_kg + problem.hands.mass_kg[0] == 0:

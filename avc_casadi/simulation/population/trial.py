@@ -10,8 +10,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from avc_casadi._errors import InputError
 from avc_casadi._util.arrays import BoolArray, FloatArray, IndexArray
+from avc_casadi._util.counts import IN_BLOCKS, hands_count, refuse_counts, seed_count, workers_count
 from avc_casadi._util.json_values import plain, plain_table
 from avc_casadi._util.parallel import map_tasks, processors
 from avc_casadi._util.printed import Columns, Tabular, short
@@ -464,8 +464,7 @@ def count_at_rest(  # noqa: PLR0913 - options by name, of a public call
     progress: Progress = SILENT,
 ) -> RestCount:
     """Count press, tap and hold by any number of hands, drawn in blocks."""
-    if hands < 1:
-        raise InputError.of(f"is {hands}; allowed: 1 or more", key="hands")
+    refuse_counts(hands_count(hands, IN_BLOCKS), seed_count(seed), workers_count(workers))
     setup = Setup.of(coupling)
     setup = setup if friction else setup.without(FRICTION)
     tasks = [(first, min(block, hands - first)) for first in range(0, hands, block)]
