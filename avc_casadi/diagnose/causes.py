@@ -103,9 +103,6 @@ _EXPLAINS_AS_WELL = 1.3
 _USUAL_STAGES = 9
 """Stages of a usual diagnosis: four structures, each fitted and refined; causes and remedies."""
 
-_DAMPING_OF_DELAY = 3
-"""A damping matters no more that a spring loses by a third of a tick of delay."""
-
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
@@ -556,9 +553,9 @@ def _doubts(
     most = _MISFIT if design.known else _MISFIT_ASSUMED
     if fit.misfit > most and first != "rate":
         doubts.append(f"the model leaves {number(fit.misfit, 3)} times what encoder and noise do")
-    # What a third of a sample of delay does as well matters no more.
-    as_delay = abs(law.stiffness_n_per_m) * log.period_s / _DAMPING_OF_DELAY
-    if law.damping_error_ns_per_m > max(abs(law.damping_ns_per_m), as_delay):
+    # Where the switched force is the cause, its first harmonic is what a damper has to matter beside.
+    switched = law.switch.gain_n_per_m(diagnosis.swing.peak_to_peak_m / 2) if law.switch and first == "relay" else 0.0
+    if law.leaves_damping_open(log.period_s, switched):
         doubts.append("the log does not determine b")
     beyond_declared = fit.best.delay + law.lag - design.latest(log)
     if fit.at_end or (first == "delay" and beyond_declared < 2 * fit.delay_error):

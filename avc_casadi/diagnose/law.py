@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -14,8 +14,8 @@ from avc_casadi._util.arrays import BoolArray, FloatArray, IndexArray
 from avc_casadi.diagnose.clock import even_phase
 from avc_casadi.diagnose.compensation import filtered_change, find_filtered_sign, switched
 from avc_casadi.diagnose.dead_zone import dead_zone, outside
-from avc_casadi.diagnose.oscillation import Log, Oscillation, samples_alike
-from avc_casadi.identification.regression import regression
+from avc_casadi.diagnose.law_regression import Regression, reading_variance_of, regress
+from avc_casadi.diagnose.oscillation import Log, Oscillation
 
 # Residuals of a law are root mean squares, as shares of the standard deviation of the force.
 
@@ -61,9 +61,6 @@ _AT_LIMIT = 0.9999
 _TOGGLE_STEPS = 1.5
 """Encoder steps up to which a position toggles between two."""
 
-_ROUNDING = 1e-9
-"""Share of the standard deviation of the force that is rounding."""
-
 _MEANS_OVER = (8, 64)
 """Rows over which a coarse position is averaged, in turn."""
 
@@ -94,8 +91,8 @@ _SIDE_SHARE = 0.02
 _CUT_OFF_SHARE = 0.05
 """Force that is asked for at the end of a log, per largest force, from which on one of none is cut off."""
 
-_LEAST_SQUARE = 1e-300
-"""What a square that is divided by is at least."""
+_DAMPING_OF_DELAY = 3
+"""A damping matters no more that a spring loses by a third of a tick of delay."""
 
 _MOST_DROPPED = 0.01
 """Share of missed samples up to which frames are searched."""
@@ -136,6 +133,16 @@ class Switch:
     """Share of the speed that its filter keeps in a tick."""
     width_m_per_s: float = 0.0
     """v0; 0 of a sign."""
+
+    def gain_n_per_m(self, amplitude_m: float) -> float:
+        """Return the size of the first harmonic of the force, per amplitude A of the position.
+
+        It is the describing function of a relay, 4 |c|/(pi A) sqrt(1 - (h/A)^2), h half of the distance of the edges.
+        """
+        half_band = (self.edges_m[1] - self.edges_m[0]) / 2
+        if amplitude_m <= half_band:
+            return 0.0
+        return 4 * abs(self.force_n) / (math.pi * amplitude_m) * math.sqrt(1 - (half_band / amplitude_m) ** 2)
 
 
 @dataclass(frozen=True)
@@ -183,6 +190,14 @@ class FittedLaw:
         """Return whether a force with the speed is more than the friction of a device, and so feeds a swing."""
         return self.switch is not None and self.switch.by == "speed" and -self.switch.force_n > friction_n
 
+    def leaves_damping_open(self, period_s: float, switched_n_per_m: float = 0.0) -> bool:
+        """Return whether the error of the damper is more than the damper, and matters.
+
+        It does not where a third of a tick of delay does as much: of the spring, and of a switched force of this gain.
+        """
+        as_delay = (abs(self.stiffness_n_per_m) + switched_n_per_m) * period_s / _DAMPING_OF_DELAY
+        return self.damping_error_ns_per_m > max(abs(self.damping_ns_per_m), as_delay)
+
     def filter_hz(self, sample_time_s: float) -> float | None:
         """Cut-off of the velocity filter, Hz; None without one below the Nyquist frequency."""
         return None if self.keep <= math.exp(-math.pi) else -math.log(self.keep) / (2 * math.pi * sample_time_s)
@@ -199,12 +214,13 @@ def find_law(log: Log, swing: Oscillation, limit_n: float | None, friction_n: fl
     # The largest force may be a limit; where the position toggles between two steps it belongs to one of them.
     moves_at_top = np.ptp(log.position_m[top]) > _TOGGLE_STEPS * log.encoder_m
     at_limit = top & (limit == limit_n or moves_at_top)
-    in_contact = log.ran & log.touching & ~at_limit
-    # A force of the position a sample before is exactly one of a negative damper now: that is the last to be taken.
-    plain = _best(sorted(_plain(log, in_contact), key=lambda law: (law.damping_ns_per_m < 0, law.keep > 0)))
+    plain = _best(_plain_in_order(log, log.ran & log.touching & ~at_limit))
+    if plain is None:
+        # A damper of an encoder that moves by a step a tick at most gives its largest force at each step.
+        plain = _best(law for law in _plain_in_order(log, log.ran & log.touching) if law.misfit < _EXACT)
     if plain is not None and plain.misfit < _EXACT:
         return plain
-    plain = _best(_with_dead_zone(log, in_contact), plain)
+    plain = _best(_with_dead_zone(log, log.ran & log.touching & ~at_limit), plain)
     if plain is not None and plain.misfit < _EXACT:
         return plain
     # Of a force of three values at most, all are of the relay.
@@ -257,76 +273,6 @@ class _Reading:
         return cls(rows, now, now - before, lag if age is None else age)
 
 
-@dataclass(frozen=True, eq=False)
-class _Regression:
-    """A regression of the force on position, its change in a tick, 1 and further columns."""
-
-    factors: FloatArray
-    """Factor of each column."""
-    errors: FloatArray
-    """Errors of the first two factors, half of 95 % intervals."""
-    residual_n: FloatArray
-    """Force that is left, N."""
-
-
-def _regress(
-    force: FloatArray, position: FloatArray, change: FloatArray, further: Sequence[FloatArray], average: int = 1
-) -> _Regression | None:
-    """Return the regression of a force on position, its change, 1 and further columns; None where columns are alike.
-
-    A factor within its error is left out. Position and change may be means over `average` ticks.
-    """
-    parts = (position - position.mean(), change)
-    constants = [np.ones(position.size), *further]
-    deviation = float(np.std(force))
-    use = [0, 1]
-    errors = np.zeros(2)
-    for _ in range(3):
-        columns = np.stack([*(parts[part] for part in use), *constants], axis=1)
-        fit = regression(columns, force) if deviation else None
-        if fit is None:
-            return None
-        fitted, fitted_residual = fit
-        factors = np.zeros(2 + len(constants))
-        factors[[*use, *range(2, factors.size)]] = fitted
-        residual = force - columns @ fitted
-        if fitted_residual > _ROUNDING * deviation:
-            for part, error in _errors(columns, factors, residual, fitted_residual, use, average).items():
-                errors[part] = error
-        clear = [
-            part
-            for part in use
-            if abs(factors[part]) > errors[part] + _ROUNDING * deviation / float(np.std(parts[part]))
-        ]
-        if clear == use:
-            break
-        use = clear
-    return _Regression(factors, errors, residual)
-
-
-def _errors(
-    columns: FloatArray, factors: FloatArray, residual: FloatArray, rms: float, use: Sequence[int], average: int
-) -> dict[int, float]:
-    """Return the errors of the factors of position (0) and change (1), half of 95 % intervals.
-
-    Where the rest is an error of the positions, the change has it too, which pulls its factor towards 0 and half of the
-    other's: so far the errors reach.
-    """
-    scale = np.sqrt(np.mean(columns**2, axis=0))
-    inverse = np.diag(np.linalg.inv((columns / scale).T @ (columns / scale) / len(columns)))
-    # Size of each column beside what the others explain of it.
-    sizes = (scale / np.sqrt(inverse)).tolist()
-    white = 2 * rms * math.sqrt(samples_alike(residual) / len(columns))
-    reading_variance = rms**2 / max(factors[0] ** 2, 2 * factors[1] ** 2 / average, _LEAST_SQUARE)
-    errors = {}
-    for part, size in zip(use, sizes, strict=False):
-        pull = reading_variance / size**2 / (average if part else 1)
-        share = min((1 + part) * pull, 1.0)
-        error = white / size + abs(factors[1 - part]) * pull + abs(factors[part]) * share
-        errors[part] = error / (1 - share) if share < 1 else math.inf
-    return errors
-
-
 def _law(log: Log, reading: _Reading, sign: FloatArray | None = None, *, filtered: bool = False) -> FittedLaw | None:
     """Return the law of the force at the ticks of a reading, with a filter of the velocity or a switched part.
 
@@ -340,12 +286,13 @@ def _law(log: Log, reading: _Reading, sign: FloatArray | None = None, *, filtere
         further = [log.force_n[reading.rows - 1]]
     elif sign is not None:
         further = [sign]
-    fit = _regress(force, position, reading.change_m, further)
+    reading_variance = reading_variance_of(log)
+    fit = regress(force, position, reading.change_m, further, reading_variance)
     keep = float(fit.factors[3]) if fit is not None and filtered else 0.0
     if fit is None or not 0 <= keep < _MOST_KEEP:
         return None
     if not filtered and sign is None and np.std(fit.residual_n) > _EXACT * deviation:
-        fit = _by_means(force, reading, fit)
+        fit = _by_means(force, reading, fit, reading_variance)
     stiffness = float(fit.factors[0]) / (1 - keep)
     damping = (float(fit.factors[1]) - stiffness * keep) * period / (1 - keep)
     stiffness_error, damping_error_m = (fit.errors / (1 - keep)).tolist()
@@ -367,7 +314,7 @@ def _law(log: Log, reading: _Reading, sign: FloatArray | None = None, *, filtere
     )
 
 
-def _by_means(force: FloatArray, reading: _Reading, fit: _Regression) -> _Regression:
+def _by_means(force: FloatArray, reading: _Reading, fit: Regression, reading_variance: float) -> Regression:
     """Return the fit to means over many rows, where a coarse position tells more of the damper by them."""
     rows = reading.rows
     position = reading.position_m
@@ -382,12 +329,13 @@ def _by_means(force: FloatArray, reading: _Reading, fit: _Regression) -> _Regres
         if ends.size <= 4 * count:
             continue
         mean_position = means(position, ends, count)
-        coarse = _regress(means(force, ends, count), mean_position, means(change, ends, count), [], count)
+        mean_change = means(change, ends, count)
+        coarse = regress(means(force, ends, count), mean_position, mean_change, [], reading_variance, count)
         if coarse is not None and coarse.errors[1] < fit.errors[1]:
             by_position, by_change, constant = coarse.factors
             offset = constant + by_position * (position.mean() - mean_position.mean())
             residual = force - by_position * (position - position.mean()) - by_change * change - offset
-            fit = _Regression(np.array([by_position, by_change, offset]), coarse.errors, residual)
+            fit = Regression(np.array([by_position, by_change, offset]), coarse.errors, residual)
     return fit
 
 
@@ -405,6 +353,14 @@ def _plain(log: Log, use: BoolArray) -> Iterator[FittedLaw]:
         law = _law(log, reading, filtered=filtered)
         if law is not None and (rows.size >= _FEWEST or law.misfit <= _EXACT_FEW):
             yield law
+
+
+def _plain_in_order(log: Log, use: BoolArray) -> list[FittedLaw]:
+    """Return spring and damper of each reading, in the order in which they are taken.
+
+    A force of the position a sample before is exactly one of a negative damper now: that is the last.
+    """
+    return sorted(_plain(log, use), key=lambda law: (law.damping_ns_per_m < 0, law.keep > 0))
 
 
 def _readings(log: Log) -> Iterator[tuple[int, float, FloatArray, FloatArray]]:
@@ -525,11 +481,14 @@ def _edges(force: FloatArray, position: FloatArray, rows: IndexArray, lag: int) 
 
 
 def _edge(low: FloatArray, high: FloatArray) -> float:
-    """Return the edge that all steps from low to high cross, at 0 where it may be; their middle where none is."""
+    """Return the edge that all steps from low to high cross, at 0 where it may be; their middle where none is.
+
+    It is no position that is read on one side alone, as 0 is of a force that is given at x <= 0.
+    """
     inner, outer = float(low.max()), float(high.min())
     if inner > outer:
         return float(np.median(low + high)) / 2
-    return 0.0 if inner <= 0 <= outer else (inner + outer) / 2
+    return 0.0 if inner < 0 < outer else (inner + outer) / 2
 
 
 def _two_rates(log: Log, at_limit: BoolArray) -> Iterator[FittedLaw]:
