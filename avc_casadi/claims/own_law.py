@@ -19,7 +19,14 @@ from avc_casadi._util.page import worded
 from avc_casadi._util.printed import Printed
 from avc_casadi.claims.friction import FrictionCredit, credited
 from avc_casadi.claims.impedance import stiffness_at_handle
-from avc_casadi.claims.law_analysis import CaseResult, LawAnalysis, LawRemedy, SpringDamper, remedies_of
+from avc_casadi.claims.law_analysis import (
+    FORCE_THRESHOLD_N,
+    CaseResult,
+    LawAnalysis,
+    LawRemedy,
+    SpringDamper,
+    remedies_of,
+)
 from avc_casadi.claims.law_limits import BeyondLimit, LawLimits, LimitSide, NumberLaws, nearest_limit
 from avc_casadi.claims.law_points import corner_points, radius, worst
 from avc_casadi.claims.stable_interval import Interval
@@ -33,6 +40,7 @@ from avc_casadi.claims.stated_law import (
     noise_n,
     rendered_n_per_m,
     static_gain,
+    step_noise_n,
     with_law,
 )
 from avc_casadi.files.device_file import load_device
@@ -64,7 +72,8 @@ class LawCertificate(Printed):
         rendered_n_per_m: magnitude of force over position at the handle, by frequency in Hz.
         encoder_step_n: change of the force by one step of the encoder.
         noise_n: rms of the force at rest, of the noise of the position.
-        quiet_n: rms below which that is held by dry friction, or not felt.
+        step_noise_n: rms of the force while the device moves over steps of the encoder.
+        quiet_n: rms below which the noise at rest is held by dry friction, or not felt.
         intervals: of a law with other pieces, by key the values at which it is stable with the others kept; None: none.
         largest_common_gain: up to which a factor on all of its forces holds; 0 where none does.
         smallest_common_gain: from which on it does, as a force limit leaves less of large forces; 0: any does.
@@ -87,6 +96,7 @@ class LawCertificate(Printed):
     rendered_n_per_m: dict[float, float]
     encoder_step_n: float
     noise_n: float
+    step_noise_n: float
     quiet_n: float
     remedies: tuple[LawRemedy, ...] | None
     intervals: Mapping[str, tuple[float, float] | None] | None = None
@@ -133,6 +143,16 @@ class LawCertificate(Printed):
     def quiet(self) -> bool:
         """Whether noise of the position gives no force that is felt."""
         return self.noise_n <= self.quiet_n
+
+    @property
+    def felt_n(self) -> float:
+        """Rms from which on noise of the force is felt while the device moves: dry friction holds none of it then."""
+        return FORCE_THRESHOLD_N * self.problem.device.metres_per_unit
+
+    @property
+    def steps_are_felt(self) -> bool:
+        """Whether steps of the encoder give a force that is felt while the device moves."""
+        return self.step_noise_n > self.felt_n
 
     @property
     def reason(self) -> str:
@@ -321,6 +341,7 @@ def _certify_pieces(law: ControlLaw | StatedSystem, problem: Problem, how: _How,
         rendered_n_per_m=rendered_n_per_m(linear, device),
         encoder_step_n=abs(float(linear.d[0, 0])) * device.encoder_resolution_m,
         noise_n=noise_n(law, device),
+        step_noise_n=step_noise_n(law, device),
         quiet_n=analysis.quiet_n,
         remedies=None,
         intervals=limits.of_numbers if how.limits else None,
@@ -371,6 +392,7 @@ def _certify_spring_damper(law: SpringDamper, stated: Problem, how: _How, *, rem
         rendered_n_per_m=rendered_n_per_m(state_space, device),
         encoder_step_n=float(state_space.d[0, 0]) * device.encoder_resolution_m,
         noise_n=noise_n(law, device),
+        step_noise_n=step_noise_n(law, device),
         quiet_n=analysis.quiet_n,
         remedies=() if remedies else None,
         friction=_credited(analysis, acting, law) if how.lean and not stable else None,

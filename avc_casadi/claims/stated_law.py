@@ -181,6 +181,11 @@ def noise_n(law: AnyLaw, device: Device) -> float:
     return noise * noise_gain(law.law(device.sample_time_s))
 
 
+def step_noise_n(law: AnyLaw, device: Device) -> float:
+    """Return the rms of the force on a device that moves over steps of the encoder, each an error of step/sqrt(12)."""
+    return device.encoder_resolution_m / math.sqrt(12) * noise_gain(law.law(device.sample_time_s))
+
+
 def noise_gain(law: Law) -> float:
     """Return `Law.noise_gain` of the part of a law that dies away: what integrals add the loop takes back.
 

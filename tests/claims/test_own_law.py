@@ -324,3 +324,40 @@ def test_what_a_law_renders_is_that_at_the_handle_at_rest_and_in_motion():
         assert rendered == pytest.approx(found.static_stiffness_n_per_m, rel=0.2)
     assert motor.mass_kg == pytest.approx((1 - share) * mass)
     assert found.static_stiffness_n_per_m < 0.9 * k
+
+
+LAWS_OVER_STEPS = [
+    {"damping_ns_per_m": 5.0},
+    {"stiffness_n_per_m": 400.0, "damping_ns_per_m": 5.0, "velocity": {"kind": "low-pass", "cutoff_hz": 80.0}},
+    {"stiffness_n_per_m": 400.0, "damping_ns_per_m": 5.0, "velocity": {"kind": "kalman", "bandwidth_hz": 60.0}},
+]
+
+
+@pytest.mark.parametrize("law", LAWS_OVER_STEPS)
+@pytest.mark.parametrize("step", [2e-6, 2e-4])
+def test_encoder_steps_give_a_force_in_motion_that_is_felt_or_not_without_any_noise(law, step):
+    """A device that creeps over steps: the force less that of the same law without steps, by brute force."""
+    device = {"mass_kg": 0.1, "damping_ns_per_m": 0.5, "encoder_resolution_m": step}
+    wall = {"stiffness_n_per_m": 0.0, "damping_ns_per_m": 0.0}
+    problem = avc.Problem(device=device, environment=wall, law=law)
+    result = avc.certify_law(problem, limits=False, remedies=False)
+    assert (result.noise_n, result.quiet) == (0.0, True)
+
+    space = problem.law.law(problem.device.sample_time_s)
+    # Each sample moves on by an irrational share of many steps: an error is anywhere in its step.
+    position = step * math.sqrt(2) * 7.0 * np.arange(20_000)
+    errors = step * np.round(position / step) - position
+    state, force = np.zeros((space.states, 1)), np.zeros(position.size)
+    for tick, error in enumerate(errors):
+        force[tick] = (space.c @ state).item() + space.d.item() * error if space.states else space.d.item() * error
+        state = space.a @ state + space.b * error
+    spread = float(np.std(force[2000:]))
+    # Errors of neighbouring samples are no white noise, which makes more or less of them.
+    assert spread / 2.5 < result.step_noise_n < 2.5 * spread
+
+    shown = str(result)
+    felt = result.step_noise_n > 0.05
+    assert felt == (step > 1e-5)
+    (line,) = (line for line in shown.splitlines() if "Force noise" in line)
+    assert ("rms in motion, felt" if felt else "rms in motion, not felt") in line
+    assert line.lstrip().startswith("!") == felt

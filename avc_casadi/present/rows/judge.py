@@ -246,9 +246,6 @@ def _law_limits(result: LawCertificate) -> list[Row]:
     at_rest = (Value(result.static_stiffness_n_per_m, "stiffness"), "at rest")
     moving = [(Value(stiffness, "stiffness"), f"at {hz:g} Hz") for hz, stiffness in result.rendered_n_per_m.items()]
     largest, allowed = result.largest_stiffness_n_per_m, result.damping_range_ns_per_m
-    felt = "felt" if not result.quiet else "not felt"
-    verdict = (f", {felt} (limit", Value(result.quiet_n, "force"), ")") if result.noise_n else None
-    noise = (Value(result.noise_n, "force"), "rms at rest", verdict, ";", Value(result.encoder_step_n, "force"))
     limits = [
         row("Largest k", Value(largest, "stiffness") if largest else "none", "at this b"),
         row("Stable b", "none" if allowed is None else span(allowed, "damping"), "at this k"),
@@ -260,7 +257,7 @@ def _law_limits(result: LawCertificate) -> list[Row]:
     return [
         row("Rendered", commas([at_rest, *moving])),
         *limits,
-        row("Force noise", noise, "for one encoder step", mark=caution(not result.quiet)),
+        pieces.force_noise(result),
     ]
 
 

@@ -1,4 +1,4 @@
-"""Rows of a law with more pieces than a spring and damper: what it is, and the interval of each of its numbers."""
+"""Rows of a law with more pieces than a spring and damper: what it is, its intervals, and the noise of its force."""
 
 from __future__ import annotations
 
@@ -143,3 +143,21 @@ def _stretch(key: str, ends: Interval | None) -> tuple[Part, ...]:
     if math.isinf(ends[1]):
         return (low, "or more")
     return ("up to", high) if math.isinf(ends[0]) else (low, "to", high)
+
+
+def force_noise(result: LawCertificate) -> Row:
+    """Return the noise of the force: at rest where noise is declared, else in motion over steps of the encoder."""
+    step = (";", Value(result.encoder_step_n, "force"), "for one encoder step")
+    if result.noise_n or not result.step_noise_n:
+        at_rest = (Value(result.noise_n, "force"), "rms at rest")
+        verdict = _felt(not result.quiet, result.quiet_n) if result.noise_n else None
+        return row("Force noise", at_rest, verdict, step, mark=caution(not result.quiet))
+    in_motion = (Value(result.step_noise_n, "force"), "rms in motion")
+    return row(
+        "Force noise", in_motion, _felt(result.steps_are_felt, result.felt_n), step, mark=caution(result.steps_are_felt)
+    )
+
+
+def _felt(felt: bool, limit_n: float) -> tuple[Part, ...]:
+    """Return whether noise is felt, and from where on it is."""
+    return parts(f", {'felt' if felt else 'not felt'} (limit", Value(limit_n, "force"), ")")
