@@ -85,7 +85,8 @@ class Border:
         known = next(length for length in range(len(path), -1, -1) if path[:length] in self._written)
         rest = (units.key(part) if isinstance(part, str) else part for part in path[known:])
         if message.startswith(UNKNOWN) and not units.linear and difflib.get_close_matches(str(path[-1]), (COUNTS,)):
-            message = f"{message}; did you mean {COUNTS}?"
+            of_device = path[0] in {"device", "follower"} and set(path[1:-1]) <= {"range"}
+            message = f"{message}; did you mean {COUNTS}{'' if of_device else ' in [device]'}?"
         return (*self._written[path[:known]], *rest), units.words(message)
 
     def inner(self, value: Any, units: Units, path: t.Path, written: t.Path, radius_m: float | None = None) -> Any:

@@ -13,6 +13,7 @@ from avc_casadi._errors import InputError
 from avc_casadi._util.units import Units
 from avc_casadi.model import quantity as q
 from avc_casadi.model import table as t
+from avc_casadi.model.annotation import tables_of
 from avc_casadi.model.control_law import ControlLaw
 from avc_casadi.model.corners import Robustness
 from avc_casadi.model.device import Detent, Device
@@ -187,7 +188,7 @@ def _end_tables(problem: type[t.Table]) -> dict[str, type[End]]:
     return {
         name: table
         for name, field in problem.model_fields.items()
-        for table in t.tables_of(field.annotation)
+        for table in tables_of(field.annotation, t.Table)
         if issubclass(table, End)
     }
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import difflib
 import re
-import typing
 import unicodedata
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Annotated, Any, Self, TypeVar
@@ -15,13 +14,15 @@ from pydantic import (
     ConfigDict,
     ModelWrapValidatorHandler,
     ValidationError,
+    ValidationInfo,
     model_validator,
 )
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticCustomError
 
 from avc_casadi._errors import Fault, InputError
-from avc_casadi._util.units import ROTARY
+from avc_casadi.model.annotation import choices_of, inside, tables_of
+from avc_casadi.model.near_key import hint_of
 
 Path = tuple[str | int, ...]
 Finding = tuple[Path, str]
@@ -29,18 +30,6 @@ Finding = tuple[Path, str]
 
 UNKNOWN = "is not a known key; "
 """Beginning of the finding of a mistyped key."""
-_SYMBOLS = {
-    "k": "stiffness_n_per_m",
-    "kp": "stiffness_n_per_m",
-    "b": "damping_ns_per_m",
-    "d": "damping_ns_per_m",
-    "kd": "damping_ns_per_m",
-    "ki": "integral_n_per_m_s",
-    "m": "mass_kg",
-    "dt": "sample_time_s",
-    "ts": "sample_time_s",
-}
-"""Symbols that control engineers write, and the key of the same meaning; in a rotary file it has its rotary name."""
 _ALLOWED = {"bool_type": "true or false", "tuple_type": "a list", "dict_type": "a table"}
 
 
@@ -60,7 +49,7 @@ class Table(BaseModel):
 
     @model_validator(mode="wrap")
     @classmethod
-    def _read(cls, value: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
+    def _read(cls, value: Any, handler: ModelWrapValidatorHandler[Self], info: ValidationInfo) -> Self:
         if isinstance(value, cls):
             return value
         findings: list[Finding] = []
@@ -68,7 +57,7 @@ class Table(BaseModel):
         if isinstance(value, Mapping) and cls.model_config["extra"] == "forbid":
             table = {key: item for key, item in value.items() if key in cls.model_fields}
             findings = [
-                ((key,), _unknown(cls, key))
+                ((key,), _unknown(cls, info.context, key, value[key]))
                 for key in list(value)[: len(cls.model_fields) + 100]  # a million wrong keys are answered quickly too
                 if key not in table
             ]
@@ -105,7 +94,7 @@ def checked(model: type[M], tables: Mapping[str, Any], name: str = "") -> M | li
     is_no_key = "is not a key; leave it out: the name of the file is the name of the problem"
     findings: list[Finding] = [(("name",), is_no_key)] if "name" in tables else []
     try:
-        read = model.model_validate({**keys, "name": name} if "name" in model.model_fields else keys)
+        read = model.model_validate({**keys, "name": name} if "name" in model.model_fields else keys, context=model)
     except ValidationError as error:
         return findings + faults_of(error)
     return findings or read
@@ -169,7 +158,7 @@ def _findings(table: type[Table], error: ValidationError, value: Any) -> Iterato
         elif kind in {"model_type", "model_attributes_type"}:
             yield path, f"is {shown(value)}, not a table; allowed: {_keys(table)}"
         elif kind in {"union_tag_invalid", "union_tag_not_found"}:
-            tables = tables_of(table.model_fields[str(path[0])].annotation)
+            tables = tables_of(table.model_fields[str(path[0])].annotation, Table)
             choices = [alternative.model_fields["kind"].default for alternative in tables]
             typed = typed.get("kind")
             fault = "is missing" if typed is None else f"is {shown(typed)}"
@@ -181,33 +170,11 @@ def _findings(table: type[Table], error: ValidationError, value: Any) -> Iterato
             yield path, f"is {shown(typed)}; allowed: {_ALLOWED[kind]}" if kind in _ALLOWED else item["msg"]
 
 
-def _unknown(table: type[Table], key: str) -> str:
-    """Return the fault of a key that a table has not, with the one that is meant if any is close."""
-    known = [name for name in table.model_fields if name != "name"]
-    linear = _SYMBOLS.get(key.lower(), ROTARY.inner(key))
-    near = [linear] if linear in known else difflib.get_close_matches(key[:60], known, n=5)
-    # One that begins with the same word comes first.
-    near.sort(key=lambda known_key: known_key.split("_")[0] != key.split("_", maxsplit=1)[0])
-    return f"{UNKNOWN}allowed: {', '.join(known)}{f'; did you mean {near[0]}?' if near else ''}"
-
-
-def inside(annotation: Any) -> Iterator[Any]:
-    """Yield an annotation and all in it: tables, validators and lists of choices."""
-    yield annotation
-    if typing.get_origin(annotation) is not typing.Literal:
-        for inner in typing.get_args(annotation):
-            yield from inside(inner)
-
-
-def choices_of(annotation: Any) -> list[Any]:
-    """Return the values that an annotation lists."""
-    lists = (part for part in inside(annotation) if typing.get_origin(part) is typing.Literal)
-    return [value for literal in lists for value in typing.get_args(literal)]
-
-
-def tables_of(annotation: Any) -> list[type[Table]]:
-    """Return the tables that an annotation allows."""
-    return [part for part in inside(annotation) if isinstance(part, type) and issubclass(part, Table)]
+def _unknown(table: type[Table], file: type[Table] | None, key: str, value: Any) -> str:
+    """Return the fault of a key that a table of a file has not, with the one that is meant if any is near."""
+    known = ", ".join(name for name in table.model_fields if name != "name")
+    hint = hint_of(table, file, key, value)
+    return f"{UNKNOWN}allowed: {known}{f'; did you mean {hint}?' if hint else ''}"
 
 
 def _keys(table: type[Table]) -> str:
@@ -225,7 +192,7 @@ def _values(field: FieldInfo) -> str:
     for mark in (*field.metadata, *inside(field.annotation)):
         if isinstance(mark, BeforeValidator) and (allowed := getattr(mark.func, "allowed", "")):
             return str(allowed)
-    inner = tables_of(field.annotation)
+    inner = tables_of(field.annotation, Table)
     if inner:
         return _keys(inner[0])
     return ", ".join(map(shown, choices_of(field.annotation))) or "text in quotation marks"

@@ -15,12 +15,13 @@ from pydantic_core import PydanticCustomError
 from avc_casadi._errors import AvcError, Fault, InputError
 from avc_casadi.files.problem_file import problem_document, problem_of
 from avc_casadi.model.admittance import AdmittanceProblem
+from avc_casadi.model.annotation import choices_of, inside, tables_of
 from avc_casadi.model.control_law import ControlLaw
 from avc_casadi.model.device import Device
 from avc_casadi.model.ends import End, IntervalOf, Wall
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.quantity import Quantity, Whole, power_at_handle
-from avc_casadi.model.table import Table, choices_of, inside, tables_of
+from avc_casadi.model.table import Table
 from avc_casadi.present.row import quantity_of
 
 Explored = Problem | AdmittanceProblem
@@ -122,7 +123,7 @@ def problem_fields(problem: Explored) -> tuple[Field, ...]:
     tables, hints = document_of(problem.end, problem), get_type_hints(type(problem), include_extras=True)
     fields: list[Field] = []
     for name in (problem.end_table, "device", "hands"):
-        fields += _fields(problem, name, tables_of(hints[name])[0], tables.get(name) or {})
+        fields += _fields(problem, name, tables_of(hints[name], Table)[0], tables.get(name) or {})
     return tuple(fields)
 
 
@@ -195,7 +196,7 @@ def _fields(problem: Explored, path: str, model: type[Table], values: Mapping[st
     if problem.units.linear:
         skipped.add("handle_radius_m")
     for name, hint in get_type_hints(model, include_extras=True).items():
-        key, inner = f"{path}.{name}", tables_of(hint)
+        key, inner = f"{path}.{name}", tables_of(hint, Table)
         if name in skipped:
             continue
         if inner:

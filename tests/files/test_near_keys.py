@@ -1,0 +1,107 @@
+"""A key that its table has not: the hint leads to a key that exists there, to the table that has it, or to none."""
+
+import re
+
+import pytest
+
+import avc_casadi as avc
+from avc_casadi.model.problem import Problem
+
+DEVICE = {"mass_kg": 0.1, "damping_ns_per_m": 1.0}
+WALL = {"stiffness_n_per_m": 500.0, "damping_ns_per_m": 1.0}
+ROTARY = {"motion": "rotary", "handle_radius_m": 0.1, "inertia_kgm2": 1e-3, "damping_nms_per_rad": 1e-3}
+ROTARY_WALL = {"stiffness_nm_per_rad": 1.0, "damping_nms_per_rad": 0.0}
+
+
+def toml(tables):
+    """Return a file; keys without a table come first."""
+    lines = [f"{key} = {value!r}" for key, value in tables.items() if not isinstance(value, dict)]
+    for name, table in tables.items():
+        if isinstance(table, dict):
+            lines += [f"[{name}]", *(f"{key} = {value!r}" for key, value in table.items())]
+    return "\n".join(lines)
+
+
+def message_of(key, **tables):
+    """Return what is said of a key of a file."""
+    with pytest.raises(avc.InputError) as refused:
+        avc.parse_problem(toml(tables))
+    (message,) = (fault.message for fault in refused.value.faults if fault.key == key)
+    return message
+
+
+def hint_of(key, **tables):
+    """Return the hint, empty where there is none."""
+    return message_of(key, **tables).partition("did you mean ")[2].removesuffix("?")
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "hint"),
+    [
+        ("motion", "rotary", "motion in [device] or [follower]"),
+        ("motoin", "rotary", "motion in [device] or [follower]"),
+        ("sample_time_s", 1e-3, "sample_time_s in [device] or [follower]"),
+        ("max_force_n", 8.0, "max_force_n in [device] or [follower]"),
+        ("step_s", 1e-3, "step_s in [simulation]"),
+        ("velocity", "kalman", "velocity in [law]"),
+        ("scope", "hands", "scope in [stability]"),
+        ("cutoff_hz", 100.0, "cutoff_hz in [law.velocity]"),
+        # Of the tables with a stiffness no few are likelier than the others.
+        ("stiffness_n_per_m", 100.0, ""),
+        ("devise", "hapkit", "device"),
+        ("zzz", 1.0, ""),
+    ],
+)
+def test_a_key_outside_of_its_table_leads_to_the_table_that_has_it(key, value, hint):
+    assert hint_of(key, **{key: value}, device=DEVICE, environment=WALL) == hint
+
+
+@pytest.mark.parametrize(
+    ("name", "hint"),
+    [("devise", "device"), ("enviroment", "environment"), ("hand", "hands"), ("simulate", "simulation")],
+)
+def test_a_mistyped_table_leads_to_a_table(name, hint):
+    tables = {"device": DEVICE, "environment": WALL}
+    tables = {(name if table == hint else table): keys for table, keys in tables.items()}
+    assert hint_of(name, **tables | {name: tables.get(name, {})}) == hint
+
+
+@pytest.mark.parametrize(
+    ("table", "key", "value", "hint"),
+    [
+        ("environment", "delay_samples", 1, "delay_samples in [device] or [follower]"),
+        ("environment", "stifness_n_per_m", 1.0, "stiffness_n_per_m"),
+        ("law", "sample_time_s", 1e-3, "sample_time_s in [device] or [follower]"),
+        ("law", "k", 1.0, "stiffness_n_per_m"),
+        ("device", "rate_divider", 2, "rate_divider in [law]"),
+        ("device", "max_force", 2.0, "max_force_n"),
+        ("device", "stiffness_n_per_m", 1.0, ""),
+        ("hands", "motion", "rotary", "motion in [device] or [follower]"),
+    ],
+)
+def test_a_key_in_a_wrong_table_leads_to_the_right_one(table, key, value, hint):
+    tables = {"device": DEVICE, "environment": WALL}
+    tables[table] = {**tables.get(table, {}), key: value}
+    assert hint_of(f"{table}.{key}", **tables) == hint
+
+
+@pytest.mark.parametrize(
+    ("table", "key", "hint"),
+    [
+        ("", "inertia_kgm2", "inertia_kgm2 in [device] or [follower]"),
+        ("", "encoder_counts_per_turn", "encoder_counts_per_turn in [device]"),
+        ("environment", "max_torque_nm", "max_torque_nm in [device] or [follower]"),
+        ("device", "encoder_count_per_turn", "encoder_counts_per_turn"),
+    ],
+)
+def test_a_hint_has_the_keys_of_a_device_that_turns(table, key, hint):
+    tables = {"device": ROTARY, "environment": ROTARY_WALL}
+    tables |= {table: {**tables[table], key: 1000.0}} if table else {key: 1000.0}
+    assert hint_of(f"{table}.{key}".removeprefix("."), **tables) == hint
+
+
+@pytest.mark.parametrize("name", list(Problem.model_fields["device"].annotation.model_fields))
+def test_no_key_of_a_device_at_the_top_of_a_file_leads_to_another_key(name):
+    message = message_of(name, **{name: 1.0}, device=DEVICE, environment=WALL)
+    hint = message.partition("did you mean ")[2]
+    assert not hint or re.match(rf"{name} in \[", hint)
