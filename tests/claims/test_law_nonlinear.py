@@ -121,6 +121,19 @@ def test_a_slower_law_is_judged_over_its_own_period(divider):
     assert found.released.spectral_radius == pytest.approx(np.abs(poles).max(), abs=1e-9)
 
 
+def test_a_slower_law_meets_the_longest_delay_of_the_range():
+    """The delay is stated in samples of the device, though the law runs at every second of them."""
+    law = {"stiffness_n_per_m": 150.0, "damping_ns_per_m": 1.5, "rate_divider": 2}
+
+    def radius(delay, **ranges):
+        device = DEVICE | {"delay_samples": delay, "range": ranges}
+        return avc.certify_law({"device": device, "law": law}, limits=False, remedies=False).held.spectral_radius
+
+    longest = radius(3.0)
+    assert longest > radius(1.0) + 1e-4
+    assert radius(1.0, delay_samples=[1.0, 3.0]) == pytest.approx(longest, abs=1e-9)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("damping", [0.03, 0.06, 0.09])
 def test_the_swing_that_friction_brings_to_rest_is_that_of_a_simulation(damping):
