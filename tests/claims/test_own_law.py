@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 from scipy.optimize import brentq, minimize_scalar
+from scipy.signal import dlti
 
 import avc_casadi as avc
 from avc_casadi.claims.impedance import PortMechanics
@@ -140,6 +141,29 @@ def test_every_number_is_that_of_the_written_down_loop(seed):
         peak = minimize_scalar(lambda turn: -size(turn), bounds=near, method="bounded", options={"xatol": 1e-13})  # noqa: B023
         assert margins.disk == pytest.approx(2 / max(-peak.fun, coarse.max()), rel=1e-9)
         assert size(2 * math.pi * margins.disk_hz * plant[2]) == pytest.approx(2 / margins.disk, rel=1e-9)
+
+
+@pytest.mark.parametrize("mass", [0.2, 0.4])
+def test_the_phase_margin_of_a_virtual_mass_is_against_a_lead(mass):
+    """Its -L leads where |L| rises to 1, below the resonance of the hand: more lead there makes the loop unstable."""
+    period, pole = 1e-3, 0.7
+    plant, hand = (0.12, 0.8, period, 1), (0.1, 1.0, 400.0)
+    acceleration = np.poly1d([1.0, -2.0, 1.0]) * (1 - pole) * (mass / period**2)
+    law = dlti(acceleration.coeffs, [1.0, -pole, 0.0], dt=period)
+    margins = avc.certify_law(tables(plant, hand, hand), law=law.to_ss(), limits=False).held.margins
+
+    def gain(turn):
+        z = np.exp(1j * turn)
+        return acceleration(z) / (z * (z - pole)) * loop_gain((1.0, 0.0, None), plant, hand, turn)
+
+    turns = np.geomspace(1e-3, math.pi, 400_000)
+    size = abs(gain(turns))
+    crossed = turns[np.flatnonzero(np.diff(size > 1))]
+    phase_deg = np.degrees(np.angle(-gain(crossed)))
+    nearest = abs(phase_deg).argmin()
+    assert phase_deg[nearest] < 0
+    assert margins.phase_deg == pytest.approx(abs(phase_deg[nearest]), rel=1e-3)
+    assert margins.phase_hz == pytest.approx(crossed[nearest] / (2 * math.pi * period), rel=1e-3)
 
 
 @pytest.mark.parametrize("seed", seeds(3, 8))
