@@ -22,7 +22,7 @@ from avc_casadi.model.hands import joined
 from avc_casadi.model.law import Law
 from avc_casadi.model.problem import Problem
 
-FORCE_THRESHOLD_N = 0.05
+_FORCE_THRESHOLD_N = 0.05
 """Rms of a force at the handle below which noise of it is taken as not felt."""
 # A limit is confirmed by at most so many searches of the ranges, so far below the boundary.
 _SEARCHES = 4
@@ -107,7 +107,8 @@ class LawAnalysis:
         # What a search of the ranges found worse than their corners.
         self.worst_points: list[LawPoint] = []
         # Rms of a force below which dry friction holds it, or it is not felt.
-        self.quiet_n = max(self.device.coulomb_friction_n, FORCE_THRESHOLD_N * self.device.metres_per_unit)
+        self.felt_n = _FORCE_THRESHOLD_N * self.device.metres_per_unit
+        self.quiet_n = max(self.device.coulomb_friction_n, self.felt_n)
 
     @property
     def sides(self) -> tuple[PlantFamily, ...]:

@@ -19,14 +19,7 @@ from avc_casadi._util.page import worded
 from avc_casadi._util.printed import Printed
 from avc_casadi.claims.friction import FrictionCredit, credited
 from avc_casadi.claims.impedance import stiffness_at_handle
-from avc_casadi.claims.law_analysis import (
-    FORCE_THRESHOLD_N,
-    CaseResult,
-    LawAnalysis,
-    LawRemedy,
-    SpringDamper,
-    remedies_of,
-)
+from avc_casadi.claims.law_analysis import CaseResult, LawAnalysis, LawRemedy, SpringDamper, remedies_of
 from avc_casadi.claims.law_limits import BeyondLimit, LawLimits, LimitSide, NumberLaws, nearest_limit
 from avc_casadi.claims.law_points import corner_points, radius, worst
 from avc_casadi.claims.stable_interval import Interval
@@ -74,6 +67,7 @@ class LawCertificate(Printed):
         noise_n: rms of the force at rest, of the noise of the position.
         step_noise_n: rms of the force while the device moves over steps of the encoder.
         quiet_n: rms below which the noise at rest is held by dry friction, or not felt.
+        felt_n: rms from which on noise in motion is felt: dry friction holds none of it then.
         intervals: of a law with other pieces, by key the values at which it is stable with the others kept; None: none.
         largest_common_gain: up to which a factor on all of its forces holds; 0 where none does.
         smallest_common_gain: from which on it does, as a force limit leaves less of large forces; 0: any does.
@@ -98,6 +92,7 @@ class LawCertificate(Printed):
     noise_n: float
     step_noise_n: float
     quiet_n: float
+    felt_n: float
     remedies: tuple[LawRemedy, ...] | None
     intervals: Mapping[str, tuple[float, float] | None] | None = None
     largest_common_gain: float | None = None
@@ -143,11 +138,6 @@ class LawCertificate(Printed):
     def quiet(self) -> bool:
         """Whether noise of the position gives no force that is felt."""
         return self.noise_n <= self.quiet_n
-
-    @property
-    def felt_n(self) -> float:
-        """Rms from which on noise of the force is felt while the device moves: dry friction holds none of it then."""
-        return FORCE_THRESHOLD_N * self.problem.device.metres_per_unit
 
     @property
     def steps_are_felt(self) -> bool:
@@ -343,6 +333,7 @@ def _certify_pieces(law: ControlLaw | StatedSystem, problem: Problem, how: _How,
         noise_n=noise_n(law, device),
         step_noise_n=step_noise_n(law, device),
         quiet_n=analysis.quiet_n,
+        felt_n=analysis.felt_n,
         remedies=None,
         intervals=limits.of_numbers if how.limits else None,
         largest_common_gain=largest_factor if how.limits else None,
@@ -394,6 +385,7 @@ def _certify_spring_damper(law: SpringDamper, stated: Problem, how: _How, *, rem
         noise_n=noise_n(law, device),
         step_noise_n=step_noise_n(law, device),
         quiet_n=analysis.quiet_n,
+        felt_n=analysis.felt_n,
         remedies=() if remedies else None,
         friction=_credited(analysis, acting, law) if how.lean and not stable else None,
     )
