@@ -482,7 +482,8 @@ def _bounds(key: str, value: float, table: t.Table, sample_time_s: float) -> tup
     if isinstance(table, WindowVelocity):
         return 1, max(value, _LONGEST_WINDOW)
     if isinstance(table, TicksVelocity):
-        return sample_time_s, max(value, _MOST_TICKS * sample_time_s)
+        # Its window is twice as long as its timeout.
+        return sample_time_s, max(value, _LONGEST_WINDOW / 2 * sample_time_s)
     lowest = min(value, _LEAST_SHARE / sample_time_s)
     highest = _MOST_SHARE / sample_time_s if isinstance(table, NotchFilter | LeadFilter) else math.inf
     return known.get(key, (lowest, max(value, highest)))

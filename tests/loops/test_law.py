@@ -5,6 +5,7 @@ import pytest
 from hardware_bench import believer
 
 from avc_casadi.model.law import Law
+from avc_casadi.model.law_pieces import Damper, Window, compiled
 
 PERIOD_S = 1e-3
 Z = np.exp(2j * np.pi * np.geomspace(1e-3, 0.5, 40))
@@ -96,6 +97,19 @@ def test_noise_gain_is_the_root_of_the_sum_of_squares_of_the_response_to_a_sampl
     law = random_law(seed)
     response = force_in_time(law, np.append(1.0, np.zeros(2000)))
     assert law.noise_gain() == pytest.approx(np.sqrt((response**2).sum()), rel=1e-9)
+
+
+@pytest.mark.parametrize("samples", [1, 40, 256])
+def test_the_noise_gain_of_a_long_window_is_that_of_its_two_ends(samples):
+    """b (x(n) - x(n - N))/(N T) of white noise has the rms b sqrt(2)/(N T)."""
+    law = compiled((Damper(3.0, Window(samples)),), (), 1e-3)
+    assert law.noise_gain() == pytest.approx(3.0 * np.sqrt(2) / (samples * 1e-3))
+
+
+@pytest.mark.parametrize("pole", [0.5, 1 - 1e-8])
+def test_the_noise_gain_of_a_slow_pole_counts_all_terms(pole):
+    law = Law.low_pass(pole, 1e-3)
+    assert law.noise_gain() == pytest.approx(np.sqrt((1 - pole) / (1 + pole)))
 
 
 def test_a_law_rests_where_its_states_stay():
