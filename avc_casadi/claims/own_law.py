@@ -17,6 +17,7 @@ from avc_casadi._errors import Fault, InputError, UnsupportedError
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.page import worded
 from avc_casadi._util.printed import Printed
+from avc_casadi.claims.deployable import DetentClaim, detent_claim
 from avc_casadi.claims.friction import FrictionCredit, credited
 from avc_casadi.claims.impedance import stiffness_at_handle
 from avc_casadi.claims.law_analysis import CaseResult, LawAnalysis, LawRemedy, SpringDamper, remedies_of
@@ -72,6 +73,8 @@ class LawCertificate(Printed):
         largest_common_gain: up to which a factor on all of its forces holds; 0 where none does.
         smallest_common_gain: from which on it does, as a force limit leaves less of large forces; 0: any does.
         friction: up to which swing dry friction brings it to rest; None where that is not credited.
+        detent: the detents outside the wall, where the law does not act; None without them, or where it acts
+            everywhere. Each case of the law is judged in the steepest valley, too.
 
     Example:
         >>> avc.certify_law("knob", k=1.0, b=0.002, remedies=False).stable
@@ -98,6 +101,7 @@ class LawCertificate(Printed):
     largest_common_gain: float | None = None
     smallest_common_gain: float = 0.0
     friction: FrictionCredit | None = None
+    detent: DetentClaim | None = None
 
     @property
     def limited(self) -> bool:
@@ -111,8 +115,12 @@ class LawCertificate(Printed):
 
     @property
     def stable(self) -> bool:
-        """Whether the loop is stable with every hand and released, in the wall and outside."""
-        return all(case.stable for case in self.cases)
+        """Whether the loop is stable with every hand and released, in the wall and outside, and in its detents."""
+        return all(case.stable for case in self.cases) and self._detents_hold
+
+    @property
+    def _detents_hold(self) -> bool:
+        return self.detent is None or self.detent.passed
 
     @property
     def disk_margin(self) -> float:
@@ -122,7 +130,8 @@ class LawCertificate(Printed):
     @property
     def leans(self) -> bool:
         """Whether it is not stable by itself, but friction brings a fast strike to rest, which is credited."""
-        return not self.stable and self.friction is not None and self.friction.suffices(self.problem.device)
+        credited_friction = self.friction is not None and self.friction.suffices(self.problem.device)
+        return not self.stable and self._detents_hold and credited_friction
 
     @property
     def passed(self) -> bool:
@@ -184,8 +193,9 @@ class LawCertificate(Printed):
         )
         left_out = ("problem", "rendered_n_per_m", *of_pieces)
         numbers = {key: value for key, value in vars(self).items() if key not in left_out}
-        if self.friction is None:
-            del numbers["friction"]
+        for key in ("friction", "detent"):
+            if numbers[key] is None:
+                del numbers[key]
         if not isinstance(self.law, SpringDamper):
             numbers["law"] = self.law.document()
         return self.problem.units.document(plain({"schema": "avc/1", "kind": "law", **judged, **numbers}))
@@ -236,7 +246,9 @@ def certify_law(  # noqa: PLR0913 - options by name, of a public call
         if any(gain is not None for gain in (k, b, b_p, cutoff_hz)):
             raise InputError.of("is a discrete system, which has no k, b, b_p or cutoff_hz; leave them out", key="law")
         return _certify_pieces(StatedSystem.of(law, stated.device), stated, how, one_sided=False)
-    if law is None and stated.law is None and not (b_p or 0.0) < 0:
+    # Of detents a spring and damper is one piece of several.
+    plain_loops = stated.detent is None
+    if plain_loops and law is None and stated.law is None and not (b_p or 0.0) < 0:
         plain_law = SpringDamper(k or 0.0, b or 0.0, b_p or 0.0, cutoff_hz)
         return _certify_spring_damper(plain_law, stated, how, remedies=remedies)
     wall = stated.environment
@@ -245,7 +257,7 @@ def certify_law(  # noqa: PLR0913 - options by name, of a public call
     stated = with_law(stated, law, {"k": k, "b": b, "b_p": b_p, "cutoff_hz": cutoff_hz})
     own_law = stated.law
     assert own_law is not None  # noqa: S101 - with_law gives one
-    if own_law.is_spring_damper:
+    if plain_loops and own_law.is_spring_damper:
         plain_law = _spring_damper(own_law, one_sided=one_sided)
         return _certify_spring_damper(plain_law, stated, how, remedies=remedies)
     return _certify_pieces(own_law, stated, how, one_sided=one_sided)
@@ -306,7 +318,7 @@ def _certify_pieces(law: ControlLaw | StatedSystem, problem: Problem, how: _How,
     analysis = LawAnalysis(at_rate)
     device = at_rate.device
     outside = one_sided and isinstance(law, ControlLaw) and law.acts_outside
-    acting_with = partial(acting_laws, period_s=device.sample_time_s, outside=outside)
+    acting_with = partial(acting_laws, period_s=device.sample_time_s, outside=outside, detent=problem.detent)
     acting = acting_with(law)
     limits = _number_limits(law, analysis, acting.all, acting_with) if how.limits else _NumberLimits({}, None)
     cases = [
@@ -339,13 +351,25 @@ def _certify_pieces(law: ControlLaw | StatedSystem, problem: Problem, how: _How,
         largest_common_gain=largest_factor if how.limits else None,
         smallest_common_gain=least_factor if least_factor > _COMMON_GAIN.lowest else 0.0,
         friction=_credited(analysis, acting.all, law) if how.lean and not stable else None,
+        detent=detent_claim(at_rate) if one_sided and problem.detent is not None else None,
     )
 
 
 def _worst_of(cases: Sequence[CaseResult], slower: int) -> CaseResult:
-    """Return the worst of cases; its delay margin in samples of the device, which a law at a slower rate skips."""
-    worst = min(cases, key=lambda case: (case.stable, case.margins.disk))
-    return replace(worst, margins=replace(worst.margins, delay_samples=slower * worst.margins.delay_samples))
+    """Return the worst of each number of cases, and the margins of the smallest disk.
+
+    The delay margin is in samples of the device, which a law at a slower rate skips.
+    """
+    slowest = max(cases, key=lambda case: case.spectral_radius)
+    ringing = min(cases, key=lambda case: case.damping_ratio)
+    margins = min((case.margins for case in cases), key=lambda margins: margins.disk)
+    return replace(
+        slowest,
+        settling_s=max(case.settling_s for case in cases),
+        damping_ratio=ringing.damping_ratio,
+        damping_ratio_hz=ringing.damping_ratio_hz,
+        margins=replace(margins, delay_samples=slower * margins.delay_samples),
+    )
 
 
 def _credited(analysis: LawAnalysis, laws: Sequence[Law], law: AnyLaw) -> FrictionCredit:

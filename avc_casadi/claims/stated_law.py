@@ -14,7 +14,7 @@ from avc_casadi._errors import InputError
 from avc_casadi._util.json_values import plain
 from avc_casadi.claims.impedance import moving_stiffness_at_handle
 from avc_casadi.model.control_law import ControlLaw, DifferenceVelocity, LawNumber, LowPassVelocity, TicksVelocity
-from avc_casadi.model.device import Device
+from avc_casadi.model.device import Detent, Device
 from avc_casadi.model.law import Law
 from avc_casadi.model.problem import Problem
 
@@ -142,20 +142,30 @@ class ActingLaws:
         return (*self.in_contact, *self.outside)
 
 
-def acting_laws(law: ControlLaw | StatedSystem, period_s: float, *, outside: bool) -> ActingLaws:
-    """Return the laws that act, those outside the wall too on request.
+def acting_laws(
+    law: ControlLaw | StatedSystem, period_s: float, *, outside: bool, detent: Detent | None = None
+) -> ActingLaws:
+    """Return the laws that act, those outside the wall too on request; each in a valley of detents, too.
 
     A time between steps is a window of up to twice its timeout, as long as the motion is slow: the difference of fast
     motion and the longest window are judged.
     """
     if isinstance(law, StatedSystem):
-        return ActingLaws((law.stated,))
-    tables = [law]
-    if isinstance(law.velocity, TicksVelocity):
-        tables.append(law.model_copy(update={"velocity": DifferenceVelocity()}))
+        acting = ActingLaws((law.stated,))
+    else:
+        tables = [law]
+        if isinstance(law.velocity, TicksVelocity):
+            tables.append(law.model_copy(update={"velocity": DifferenceVelocity()}))
+        acting = ActingLaws(
+            in_contact=tuple(table.with_sectors(period_s) for table in tables),
+            outside=tuple(table.with_sectors(period_s, contact=False) for table in tables if outside),
+        )
+    if detent is None:
+        return acting
+    valley = Law.spring_damper(detent.slope_n_per_m, detent.damping_ns_per_m, period_s)
     return ActingLaws(
-        in_contact=tuple(table.with_sectors(period_s) for table in tables),
-        outside=tuple(table.with_sectors(period_s, contact=False) for table in tables if outside),
+        in_contact=(*acting.in_contact, *(part + valley for part in acting.in_contact)),
+        outside=(*acting.outside, *(part + valley for part in acting.outside)),
     )
 
 

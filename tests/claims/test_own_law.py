@@ -143,6 +143,26 @@ def test_every_number_is_that_of_the_written_down_loop(seed):
         assert size(2 * math.pi * margins.disk_hz * plant[2]) == pytest.approx(2 / margins.disk, rel=1e-9)
 
 
+@pytest.mark.parametrize(("force", "damping", "holds"), [(0.4, 2.0, True), (0.4, 0.0, False), (2.0, 2.0, False)])
+def test_detents_add_their_steepest_slope_to_a_law(force, damping, holds):
+    """In the wall to its spring, with and without them; outside it they act alone, and must be stable there."""
+    plant, hand = (0.1, 0.05, 1e-3, 1), (0.1, 1.0, 400.0)
+    stated = tables(plant, hand, hand)
+    stated["environment"]["stiffness_n_per_m"] = 100.0
+    stated["detent"] = {"force_n": force, "pitch_m": 0.004, "damping_ns_per_m": damping}
+    slope = 2 * math.pi * force / 0.004
+    found = avc.certify_law(stated, k=300.0, b=3.0, limits=False)
+    bare = avc.certify_law(stated | {"detent": None}, k=300.0, b=3.0, limits=False)
+    nobody = (0.0, 0.0, 0.0)
+    for case, held in ((found.held, hand), (found.released, nobody)):
+        slopes = [((300.0, 3.0, None), held), ((300.0 + slope, 3.0 + damping, None), held)]
+        assert case.spectral_radius == pytest.approx(max(radius(law, plant, hand) for law, hand in slopes), abs=1e-9)
+    alone = max(radius((slope, damping, None), plant, held) for held in (hand, nobody))
+    assert found.detent.radius == pytest.approx(alone, abs=1e-9)
+    assert (alone < 1) == holds == found.passed
+    assert bare.passed
+
+
 @pytest.mark.parametrize("mass", [0.2, 0.4])
 def test_the_phase_margin_of_a_virtual_mass_is_against_a_lead(mass):
     """Its -L leads where |L| rises to 1, below the resonance of the hand: more lead there makes the loop unstable."""

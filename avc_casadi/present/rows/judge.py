@@ -168,7 +168,8 @@ def own_law(result: LawCertificate, shown: str = "") -> Answer:
     typed = [remedy.changes for remedy in result.remedies or () if all(_LAW[key].option for key in remedy.changes)]
     if typed:
         onwards.append(f"avc certify {quote(shown)} {_options(law | dict(typed[0]))}")
-    if problem.environment.stiffness_n_per_m:
+    detents_hold = result.detent is None or result.detent.passed
+    if problem.environment.stiffness_n_per_m and detents_hold:
         onwards.append(f"avc recommend {quote(shown)} --out coupling.json")
     return Answer(
         kind="certify-law",
@@ -203,6 +204,7 @@ def _law_rows(result: LawCertificate) -> list[Row]:
         alone = "" if isinstance(result.law, SpringDamper) else f"{pieces.acting_outside(result.law)} alone:"
         margin = (alone, "disk margin", Value(disk, "number", 2))
         rows.append(row("Outside the wall", margin, mark=_mark_of_disk(disk)))
+    rows += _law_detents(result)
     rows += _law_limits(result)
     rows += pieces.friction(result)
     problem = result.problem
@@ -213,6 +215,17 @@ def _law_rows(result: LawCertificate) -> list[Row]:
     if not sound and result.remedies is not None:
         helps = commas(map(_remedy, result.remedies), ";")
         rows.append(row("Would help", helps or "no single change of k, b, cutoff (down to 1 %), sample time or delay"))
+    return rows
+
+
+def _law_detents(result: LawCertificate) -> list[Row]:
+    """Return what is claimed of detents outside the wall, and what to do where that does not hold."""
+    claim = result.detent
+    if claim is None:
+        return []
+    rows = [row(words.CLAIMS[claim.name], claim.sentence.removeprefix("detents: "), mark=grade(claim.passed))]
+    if claim.advice:
+        rows.append(row("Would help", claim.advice))
     return rows
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from avc_casadi._util.page import worded
 from avc_casadi._util.text import quantity
 from avc_casadi._util.units import Units
 from avc_casadi.claims.law_analysis import SpringDamper
@@ -28,6 +29,8 @@ def law_clauses(certificate: LawCertificate, units: Units) -> tuple[str, ...]:
         return ("comes to rest by dry friction alone",)
     if certificate.stable:
         return (_doubts(certificate),)
+    if certificate.detent is not None and not certificate.detent.passed:
+        return (worded(certificate.detent, units),)
     plain_law = isinstance(certificate.law, SpringDamper)
     if not certificate.limited:
         return ("unstable",)
