@@ -128,6 +128,13 @@ class SensorAnalysis:
         self.pairs += [side.worst_case(measure).pair for side in self.family.sides if side.handle != "released"]
         return self.rough_margin(law)
 
+    def refusing(self, law: AnyLaw, *, sound: bool) -> list[Pair]:
+        """Return where a search of the ranges finds that a law is unstable, or that its disk margin is not sound."""
+        state_space = law.law(self.period_s)
+        measure, limit = (_swings(state_space), 2 / SOUND_DISK) if sound else (leading_poles(state_space), 1.0)
+        worst = [side.worst_case(measure) for side in self.family.sides if side.handle != "released"]
+        return [case.pair for case in worst if case.radius >= limit]
+
     def is_sound(self, law: AnyLaw, limit: float) -> bool:
         """Return whether the disk margin is at least a limit, as a search of the ranges finds it."""
         return self.rough_margin(law) >= limit and self.confirmed_margin(law) >= limit

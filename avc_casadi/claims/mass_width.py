@@ -1,7 +1,8 @@
 """The region of virtual masses and dampings that an admittance device can render: the M-width.
 
 At each damping a scan of masses finds those that are stable, and those with a sound disk margin, at the corners of the
-ranges and at the worst points of searches; their ends are found by bisection.
+ranges; their ends are found by bisection. Searches of the ranges confirm ends: a plant with which a law on the edge is
+not stable or sound joins the corners, until there is none.
 """
 
 from __future__ import annotations
@@ -21,7 +22,8 @@ from avc_casadi.claims.admittance import HandleAnalysis
 from avc_casadi.files.admittance_file import AnyAdmittance, as_admittance
 from avc_casadi.loops.handle import Pair, plants_of
 from avc_casadi.loops.loop import Body
-from avc_casadi.loops.margins import SOUND_DISK
+from avc_casadi.loops.margins import SOUND_DISK, OpenLoop, angles_about, swing
+from avc_casadi.loops.spectrum import ClosedLoops
 from avc_casadi.loops.wall import closed
 from avc_casadi.model.admittance import AdmittanceProblem, VirtualImpedance, virtual_mass_law
 from avc_casadi.model.law import Law
@@ -38,14 +40,18 @@ _HANDLE_SHARES = (0.03, 30.0)
 _BISECTIONS = 12
 # Bisections of the least damping: to a thousandth of it.
 _DAMPING_BISECTIONS = 8
-# Angles at which a loop is looked at: evenly in their logarithm, and about each pole of the plant.
+# Angles at which every loop is looked at: evenly in their logarithm, and about each pole of the plant.
 _EVEN_TURNS = 420
 _LOWEST_TURN = 1e-4
 _ABOUT_A_POLE = 13
-# Laws on the edge from which the ranges are searched for worse plants.
-_SEARCHED = 4
-# The rough disk margin of `HandleResponse` is right to two per cent, but for a lightly damped sensor (0.209 for 0.193
-# at a damping ratio of 0.02): what `recommend` chooses is confirmed by the exact one.
+# A closed loop of a smaller bandwidth, as a share of the angle of its pole, may have its peak between these angles,
+# which lie 2.5 per cent apart. So many angles about such a pole show its peak to 1.4 per cent, others to 0.8.
+_NARROW = 0.1
+_ABOUT_A_NARROW_POLE = 25
+# Dampings whose ends searches confirm, and how often an end is searched that plants refuse.
+_CONFIRMED = 6
+_SEARCHES = 5
+# A disk margin of `VelocityResponse` is at most two per cent too large.
 _SOUND_ROUGHLY = 1.02 * SOUND_DISK
 
 
@@ -68,31 +74,40 @@ class VelocityResponse:
         # What the law reads at each angle, (plants, angles, 2).
         self.measured: ComplexArray = states @ np.swapaxes(self.body.measured, -1, -2)
 
-    def radii(self, law: Law) -> FloatArray:
-        """Return the largest spectral radius of each of n laws."""
-        loops = closed(self.body, law.pick((slice(None), None)))
-        return np.asarray(loops.radius.max(axis=-1))
-
     def disk_margins(self, law: Law) -> FloatArray:
         """Return the smallest disk margin of each of n laws, without asking whether their loops are stable."""
-        by_position = law.transfer(self.z[:, None], 0).T[:, None]
-        by_force = law.transfer(self.z[:, None], 1).T[:, None]
-        gain = -(by_position * self.measured[..., 0] + by_force * self.measured[..., 1])
-        with np.errstate(divide="ignore", invalid="ignore"):
-            swing = np.nan_to_num(np.abs((1 - gain) / (1 + gain)), nan=1.0, posinf=np.inf)
-        return np.asarray(2 / swing.max(axis=(1, 2)))
+        return self._disk_margins(law, self._loops(law).poles)
 
     def sound(self, law: Law, limit: float = _SOUND_ROUGHLY) -> BoolArray:
         """Return which of n laws are stable with a disk margin of at least a limit."""
-        sound = self.stable(law)
+        poles = self._loops(law).poles
+        sound = np.asarray(np.abs(poles).max(axis=(1, 2)) < 1)
         stable = np.flatnonzero(sound)
         if stable.size:
-            sound[stable] = self.disk_margins(law.pick(stable)) >= limit
+            sound[stable] = self._disk_margins(law.pick(stable), poles[stable]) >= limit
         return sound
 
     def stable(self, law: Law) -> BoolArray:
         """Return which of n laws are stable."""
-        return np.asarray(self.radii(law) < 1)
+        return np.asarray(self._loops(law).radius.max(axis=-1) < 1)
+
+    def _loops(self, law: Law) -> ClosedLoops:
+        """Return the loops of each law around each plant."""
+        return closed(self.body, law.pick((slice(None), None)))
+
+    def _disk_margins(self, law: Law, poles: ComplexArray) -> FloatArray:
+        """Return the smallest disk margin of each of n laws, whose loops have poles (n, plants, s)."""
+        by_position = law.transfer(self.z[:, None], 0).T[:, None]
+        by_force = law.transfer(self.z[:, None], 1).T[:, None]
+        gain = -(by_position * self.measured[..., 0] + by_force * self.measured[..., 1])
+        largest = swing(gain).max(axis=(1, 2))
+        turn, bandwidth = np.angle(poles), np.abs(1 - np.abs(poles))
+        laws, plants, _ = narrow = np.nonzero((turn > _LOWEST_TURN) & (bandwidth < _NARROW * turn))
+        about = angles_about(poles[narrow][:, None], _ABOUT_A_NARROW_POLE)
+        angles = np.clip(about, _LOWEST_TURN, math.pi)
+        loops = OpenLoop.of_bodies(self.body.axes(plants), law.pick(laws))
+        np.maximum.at(largest, laws, swing(loops.gain(angles)).max(axis=-1))
+        return np.asarray(2 / largest)
 
 
 @dataclass(frozen=True)
@@ -181,22 +196,78 @@ class MassSpans:
         holds = self.response.sound if sound else self.response.stable
         return held_span(lambda masses: holds(self.laws(masses, damping_ns_per_m)), self.scales.masses_kg)
 
-    def least_damping(self, masses_kg: FloatArray, *, sound: bool) -> float:
+    def least_damping(self, *, sound: bool) -> float:
         """Return the least damping with a mass: between the first of the scan that has one and the one before."""
-        dampings = self.scales.dampings_ns_per_m
-        known = np.flatnonzero(np.isfinite(masses_kg))
-        if not known.size:
+        dampings = self.scales.dampings_ns_per_m.tolist()
+
+        def has_mass(damping: float) -> bool:
+            return not math.isnan(self.at(damping, sound=sound).low)
+
+        first = next((row for row, damping in enumerate(dampings) if has_mass(damping)), None)
+        if first is None:
             return math.nan
-        first = int(known[0])
-        held = float(dampings[first])
-        other = float(dampings[max(first - 1, 0)])
+        held = dampings[first]
+        other = dampings[max(first - 1, 0)]
         for _ in range(_DAMPING_BISECTIONS if first else 0):
             middle = math.sqrt(held * other)
-            if math.isnan(self.at(middle, sound=sound).low):
-                other = middle
-            else:
+            if has_mass(middle):
                 held = middle
-        return held
+            else:
+                other = middle
+        return float(held)
+
+
+class _Edges:
+    """The ends of the region at each damping, and the least dampings, for plants that searches add to."""
+
+    def __init__(self, analysis: HandleAnalysis, base: VirtualImpedance) -> None:
+        self.analysis = analysis
+        self.base = base
+        self.spans = MassSpans.of(analysis, base)
+        self.dampings = self.spans.scales.dampings_ns_per_m.tolist()
+
+    def confirm(self, damping_ns_per_m: float) -> None:
+        """Search the ranges at the ends of the masses of a damping, until no plant refuses them."""
+        for low in (True, False):
+            sound_kg = self._confirmed_kg(damping_ns_per_m, low=low, sound=True)
+            # What ends both is stable where it is sound.
+            if sound_kg != self._end_kg(damping_ns_per_m, low=low, sound=False):
+                self._confirmed_kg(damping_ns_per_m, low=low, sound=False)
+
+    def _confirmed_kg(self, damping_ns_per_m: float, *, low: bool, sound: bool) -> float:
+        """Return an end that searches confirm; the plants that refuse one join the others."""
+        mass = math.nan
+        for _ in range(_SEARCHES):
+            mass = self._end_kg(damping_ns_per_m, low=low, sound=sound)
+            if math.isnan(mass) or not self._refused(mass, damping_ns_per_m, sound=sound):
+                break
+        return mass
+
+    def _end_kg(self, damping_ns_per_m: float, *, low: bool, sound: bool) -> float:
+        span = self.spans.at(damping_ns_per_m, sound=sound)
+        return span.low if low else span.high
+
+    def least_damping(self, *, sound: bool) -> float:
+        """Return the least damping with a mass, which searches confirm."""
+        least = math.nan
+        for _ in range(_SEARCHES):
+            least = self.spans.least_damping(sound=sound)
+            if math.isnan(least):
+                break
+            if not self._refused(self.spans.at(least, sound=sound).low, least, sound=sound):
+                break
+        return least
+
+    def _refused(self, mass_kg: float, damping_ns_per_m: float, *, sound: bool) -> bool:
+        """Return whether a search refuses a law; where the scan met no end, that of its first or last mass."""
+        masses = self.spans.scales.masses_kg
+        mass = float(np.clip(mass_kg, masses[0], masses[-1]))
+        law = self.base.model_copy(update={"mass_kg": mass, "damping_ns_per_m": damping_ns_per_m})
+        worse = self.analysis.refusing(law, sound=sound)
+        if worse:
+            self.analysis.pairs += worse
+            self.spans = MassSpans.of(self.analysis, self.base)
+        return bool(worse)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -213,6 +284,7 @@ class MassWidth(Tabular):
         sound_largest_kg: the heaviest with a disk margin of 0.2.
         least_damping_ns_per_m: the least damping with a stable mass; not a number without any.
         least_sound_damping_ns_per_m: the least with a mass of a disk margin of 0.2; not a number without any.
+        confirmed_rows: the dampings, by their place, whose masses searches of hands and contacts confirm.
         cutoff_hz: of the low pass of the force; None without one.
         problem: device, hands and contact.
 
@@ -229,6 +301,7 @@ class MassWidth(Tabular):
     sound_largest_kg: FloatArray
     least_damping_ns_per_m: float
     least_sound_damping_ns_per_m: float
+    confirmed_rows: tuple[int, ...]
     cutoff_hz: float | None
     problem: AdmittanceProblem
 
@@ -268,32 +341,37 @@ def mass_width(problem: AnyAdmittance, progress: Progress = SILENT) -> MassWidth
     stated = as_admittance(problem)
     own = stated.law.admittance if stated.law else VirtualImpedance(mass_kg=1.0, damping_ns_per_m=1.0)
     analysis = HandleAnalysis(stated)
-    first = MassSpans.of(analysis, own)
-    dampings = first.scales.dampings_ns_per_m
-    # What is the worst on the edge of the region joins the plants of its curves.
-    total = _SEARCHED + _DAMPINGS
-    for number, damping in enumerate(dampings[_DAMPINGS // _SEARCHED - 1 :: _DAMPINGS // _SEARCHED].tolist()):
+    edges = _Edges(analysis, own)
+    total = _CONFIRMED + _DAMPINGS + 2
+    progress.advance(0, total, "hands and contacts")
+    rows = _spread([edges.spans.at(damping, sound=True) for damping in edges.dampings])
+    for number, row in enumerate(rows, 1):
         progress.advance(number, total, "hands and contacts")
-        edge = first.at(damping, sound=True)
-        if math.isfinite(edge.low):
-            mass = edge.low or float(first.scales.masses_kg[0])
-            analysis.confirmed_margin(own.model_copy(update={"mass_kg": mass, "damping_ns_per_m": damping}))
-    spans = MassSpans.of(analysis, own)
+        edges.confirm(edges.dampings[row])
+    progress.advance(_CONFIRMED + 1, total, "least damping")
+    least, least_sound = edges.least_damping(sound=False), edges.least_damping(sound=True)
     stable, sound = [], []
-    for row, damping in enumerate(dampings.tolist()):
-        stable.append(spans.at(damping, sound=False))
-        sound.append(spans.at(damping, sound=True))
-        progress.advance(_SEARCHED + row + 1, total, "dampings")
-    least = np.array([found.low for found in stable])
-    sound_least = np.array([found.low for found in sound])
+    for row, damping in enumerate(edges.dampings, 1):
+        stable.append(edges.spans.at(damping, sound=False))
+        sound.append(edges.spans.at(damping, sound=True))
+        progress.advance(_CONFIRMED + 1 + row, total, "dampings")
+    progress.advance(total, total, "dampings")
     return MassWidth(
-        damping_ns_per_m=dampings,
-        least_damping_ns_per_m=spans.least_damping(least, sound=False),
-        least_sound_damping_ns_per_m=spans.least_damping(sound_least, sound=True),
-        least_kg=least,
-        largest_kg=np.array([found.high for found in stable]),
-        sound_least_kg=sound_least,
-        sound_largest_kg=np.array([found.high for found in sound]),
+        damping_ns_per_m=np.array(edges.dampings),
+        least_kg=np.array([span.low for span in stable]),
+        largest_kg=np.array([span.high for span in stable]),
+        sound_least_kg=np.array([span.low for span in sound]),
+        sound_largest_kg=np.array([span.high for span in sound]),
+        least_damping_ns_per_m=least,
+        least_sound_damping_ns_per_m=least_sound,
+        confirmed_rows=tuple(row for row in rows if math.isfinite(sound[row].low)),
         cutoff_hz=own.cutoff_hz,
         problem=stated,
     )
+
+
+def _spread(spans: Sequence[Span]) -> list[int]:
+    """Return places of spans that are known: evenly among all, the first and the last too."""
+    known = np.flatnonzero([math.isfinite(span.low) for span in spans])
+    places = np.linspace(0, len(known) - 1, min(len(known), _CONFIRMED)).astype(int)
+    return [int(row) for row in known[places]]

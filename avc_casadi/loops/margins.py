@@ -37,6 +37,8 @@ _EVEN_TURNS_OF_A_LOOP = 40
 # An angle in a sample below which a pole is real by rounding, and a size below which it is 0.
 _LEAST_TURN = 1e-6
 _DEADBEAT = 1e-9
+# Angles about a pole.
+_ABOUT_A_POLE = 17
 # Peaks of |(1 - L)/(1 + L)| that are refined.
 _PEAKS = 12
 # An impact is followed over so many points, until it is down to this share.
@@ -86,9 +88,13 @@ class OpenLoop:
     @classmethod
     def around(cls, plant: SampledPlant, law: Law) -> Self:
         """Return the loop of a law around h plants, the last released."""
-        body = Body.of(plant).flat()
+        return cls.of_bodies(Body.of(plant).flat(), law)
+
+    @classmethod
+    def of_bodies(cls, body: Body, law: Law) -> Self:
+        """Return the loops of h bodies with a law, or each with its own."""
         loops = closed(body, law)
-        moving = np.array([name.endswith("velocity_m_per_s") for name in plant.names])
+        moving = np.array([name.endswith("velocity_m_per_s") for name in body.names])
         return cls(
             law=law,
             body=body,
@@ -116,7 +122,7 @@ class OpenLoop:
         """Return angles of z at which L is evaluated, dense at peaks of it or of 1/(1 + L), shape (n,)."""
         poles = np.concatenate([self.poles.ravel(), np.linalg.eigvals(self.body.a).ravel()])
         poles = poles[np.abs(poles) > _LOWEST_TURN]
-        about = _about(poles[:, None])
+        about = angles_about(poles[:, None])
         about = about[(about > _LOWEST_TURN) & (about < math.pi)]
         return np.unique(np.concatenate([np.geomspace(_LOWEST_TURN, math.pi, _EVEN_TURNS), about]))
 
@@ -181,22 +187,22 @@ class OpenLoop:
         # Of a pair of conjugate poles one has the angles of both.
         upper = np.argsort(-self.poles.imag, axis=1)[:, : int((self.poles.imag >= 0).sum(axis=1).max())]
         poles = np.take_along_axis(self.poles, upper, axis=1)
-        about = _about(poles[..., None]).reshape(len(poles), -1)
+        about = angles_about(poles[..., None]).reshape(len(poles), -1)
         even = np.geomspace(10 * _LOWEST_TURN, math.pi, _EVEN_TURNS_OF_A_LOOP)
         even = np.broadcast_to(even, (len(about), len(even)))
         angles = np.concatenate([even, np.clip(about, _LOWEST_TURN, math.pi)], axis=1)
-        return np.asarray(_swing(self.gain(angles)).max(axis=1))
+        return np.asarray(swing(self.gain(angles)).max(axis=1))
 
     def _disk(self, loops: IndexArray, turn: FloatArray, gain: ComplexArray) -> tuple[float, float]:
         """Return the smallest disk margin of some loops and its angle, from their L at angles."""
-        size = _swing(gain)
+        size = swing(gain)
         neighbours = np.pad(size, ((0, 0), (1, 1)), constant_values=-np.inf)
         size[(size < neighbours[:, :-2]) | (size < neighbours[:, 2:])] = -np.inf
         row, top = np.unravel_index(np.argsort(size, axis=None)[-_PEAKS:], size.shape)
         around = (turn[np.clip(top + side, 0, len(turn) - 1)] for side in (-1, 0, 1))
 
         def size_at(angles: FloatArray) -> FloatArray:
-            return _swing(self.gain(angles[:, None], loops[row]))[:, 0]
+            return swing(self.gain(angles[:, None], loops[row]))[:, 0]
 
         best = lowest(lambda angles: -size_at(angles), *around)
         size = size_at(best)
@@ -255,15 +261,16 @@ class _Crossings:
     real: BoolArray
 
 
-def _swing(gain: ComplexArray) -> FloatArray:
+def swing(gain: ComplexArray) -> FloatArray:
+    """Return |(1 - L)/(1 + L)| of loops L."""
     with np.errstate(divide="ignore", invalid="ignore"):  # a gain of 1e300 is infinite
         return np.nan_to_num(np.abs((1 - gain) / (1 + gain)), nan=1.0, posinf=np.inf)
 
 
-def _about(poles: ComplexArray) -> FloatArray:
-    """Return angles of z about poles (..., 1), from within to far beyond their bandwidths."""
+def angles_about(poles: ComplexArray, points: int = _ABOUT_A_POLE) -> FloatArray:
+    """Return angles of z about poles (..., 1), from within to far beyond their bandwidths, shape (..., points)."""
     bandwidth = np.maximum(np.abs(1 - np.abs(poles)), _LOWEST_TURN)
-    return np.asarray(np.abs(np.angle(poles)) + bandwidth * np.sinh(np.linspace(-4.0, 4.0, 17)))
+    return np.asarray(np.abs(np.angle(poles)) + bandwidth * np.sinh(np.linspace(-4.0, 4.0, points)))
 
 
 @dataclass(frozen=True)

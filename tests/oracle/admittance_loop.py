@@ -237,6 +237,18 @@ def largest_pole(device):
     return float(np.abs(poles).max())
 
 
+def disk_margin(device):
+    """Return 2/max |2 S - 1| of a stable loop, S from a push on the command to the command, on a very fine grid."""
+    loop, _, pushed = (np.real(part) for part in _sampled(device, 0.0))
+    command = loop[len(device.kept) + 1]
+    poles = np.linalg.eigvals(loop)
+    about = np.abs(np.angle(poles))[:, None] + np.abs(1 - np.abs(poles))[:, None] * np.linspace(-8.0, 8.0, 801)
+    turns = np.append(np.geomspace(1e-4, math.pi, 3000), np.clip(about, 1e-4, math.pi))
+    z = np.exp(1j * turns)
+    states = np.linalg.solve(z[:, None, None] * np.eye(len(loop)) - loop, pushed[:, None].astype(complex))[..., 0]
+    return float(2 / np.abs(1 + 2 * states @ command).max())
+
+
 def handle_impedance(device, hz):
     """Return force over velocity of a handle that a hand pushes by exp(s t): at that frequency alone, without aliases.
 
@@ -244,7 +256,7 @@ def handle_impedance(device, hz):
     commands; the held commands and the push then move the handle.
     """
     s = 2j * math.pi * hz
-    loop, pushed = _sampled(device, s)
+    loop, pushed, _ = _sampled(device, s)
     size = len(device.kept)
     z = np.exp(s * device.sample_s)
     state = np.linalg.solve(z * np.eye(len(loop)) - loop, pushed)
@@ -263,7 +275,7 @@ def _moving(device):
 
 
 def _sampled(device, s):
-    """Return the loop over a sample, and what a push exp(s t) on the handle adds to it.
+    """Return the loop over a sample, and what a push exp(s t) on the handle, and one on the command, add to it.
 
     State: those of the motion, what the law remembers, past commands with the newest first. The push is a further state
     of the motion, which grows by s.
@@ -277,17 +289,18 @@ def _sampled(device, s):
     first, second = expm(whole * part * device.sample_s), expm(whole * (1 - part) * device.sample_s)
     laws = slice(size, size + device.remembers)
 
-    def sample(state, pushed):
+    def sample(state, pushed, added=0.0):
         body = np.zeros(device.size, dtype=complex)
         body[kept] = state[:size]
         memory = device.command(state[laws], body)
-        commands = [memory[1], *state[laws.stop :]]
+        commands = [memory[1] + added, *state[laws.stop :]]
         moved = first @ [*state[:size], commands[late + 1 if part else late], pushed]
         moved = second @ [*moved[:size], commands[late], moved[-1]]
         return np.array([*moved[:size], *memory, *commands[:queue]])
 
     units = np.eye(size + device.remembers + queue)
-    return np.array([sample(unit, 0.0) for unit in units]).T, sample(0 * units[0], 1.0)
+    loop = np.array([sample(unit, 0.0) for unit in units]).T
+    return loop, sample(0 * units[0], 1.0), sample(0 * units[0], 0.0, 1.0)
 
 
 def after_wrong_readings(device, wrong_n, samples, replaced=False):

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from admittance_loop import PlainDevice, disk_margin, largest_pole
 
 import avc_casadi as avc
 from avc_casadi.claims.admittance import HandleAnalysis
@@ -137,3 +138,90 @@ def test_a_sensor_of_coarse_steps_gets_a_damping_at_which_the_handle_rests():
         velocity = (law.mass_kg * velocity + period_s * filtered) / (law.mass_kg + law.damping_ns_per_m * period_s)
         speeds.append(velocity)
     assert 3 * np.std(speeds[1000:]) < 5e-3 * 1.05
+
+
+def pressing_arm(ratio):
+    """An arm of 15 Hz whose sensor is damped by a ratio, in loose and firm hands that press against 20 kN/m."""
+    sensor = {"stiffness_n_per_m": 2e5, "damping_ratio": ratio, "handle_mass_kg": 1.0}
+    device = {"drive": "velocity", "drive_bandwidth_hz": 15.0, "sample_time_s": 2e-3, "delay_samples": 2}
+    return avc.AdmittanceProblem.model_validate(
+        {
+            "device": {**device, "force_sensor": sensor},
+            "law": {"admittance": {"mass_kg": 1.0, "damping_ns_per_m": 1.0}},
+            "hands": {"mass_kg": [0.5, 2.0], "damping_ns_per_m": [5.0, 30.0], "stiffness_n_per_m": [100.0, 800.0]},
+            "contact": {"stiffness_n_per_m": [0.0, 2e4], "damping_ns_per_m": 5.0},
+        }
+    )
+
+
+def carried(pair):
+    return tuple(float(value[0]) for value in (pair[1].mass_kg, pair[1].damping_ns_per_m, pair[1].stiffness_n_per_m))
+
+
+def with_law(problem, mass, damping):
+    return problem.changed(law={"admittance": {"mass_kg": float(mass), "damping_ns_per_m": float(damping)}})
+
+
+@pytest.mark.parametrize("ratio", [0.001, 0.02, 0.3])
+def test_a_margin_of_the_region_is_that_of_a_loop_on_a_very_fine_grid(ratio):
+    problem = pressing_arm(ratio)
+    pairs = HandleAnalysis(problem).pairs[::3]
+    masses, dampings = np.array([36.0, 120.0, 400.0]), np.array([5000.0, 13_000.0, 900.0])
+    found = VelocityResponse(pairs).disk_margins(virtual_mass_law(masses, dampings, problem.device.sample_time_s))
+    for mass, damping, margin in zip(masses, dampings, found, strict=True):
+        loops = [PlainDevice.of(with_law(problem, mass, damping), *carried(pair)) for pair in pairs]
+        exact = min(disk_margin(loop) for loop in loops if largest_pole(loop) < 1)
+        assert exact * (1 - 1e-6) <= margin <= 1.02 * exact
+
+
+def drawn_sums(problem, count):
+    """What the handle may carry: the corners of hands and contacts together, and points drawn between them."""
+    drawn = np.random.default_rng(2)
+    hands, contact = problem.hands, problem.contact
+    sums = []
+    for touched in (0, 1):
+        ranges = [
+            hands.mass_kg,
+            np.add(hands.damping_ns_per_m, np.multiply(touched, contact.damping_ns_per_m)),
+            np.add(hands.stiffness_n_per_m, np.multiply(touched, contact.stiffness_n_per_m)),
+        ]
+        sums += [(m, b, k) for m in ranges[0] for b in ranges[1] for k in ranges[2]]
+        sums += [tuple(drawn.uniform(*interval) for interval in ranges) for _ in range(count)]
+    return sums
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("ratio", [0.002, 0.02])
+def test_the_drawn_edge_has_a_sound_margin_in_loops_on_a_very_fine_grid(ratio):
+    problem = pressing_arm(ratio)
+    region = avc.mass_width(problem)
+    sums = drawn_sums(problem, 6)
+    assert len(region.confirmed_rows) == 6
+    for row in region.confirmed_rows[::2]:
+        mass, damping = region.sound_least_kg[row], region.damping_ns_per_m[row]
+        if mass:
+            margins = [disk_margin(PlainDevice.of(with_law(problem, mass, damping), *point)) for point in sums]
+            assert min(margins) >= 0.2
+            lighter = [disk_margin(PlainDevice.of(with_law(problem, 0.95 * mass, damping), *point)) for point in sums]
+            assert min(lighter) < 0.2
+
+
+@pytest.mark.slow
+def test_hands_between_the_ends_of_their_ranges_move_the_edge():
+    """A light handle on a stiff sensor turns by more than half a turn in a sample: hands between are the worst."""
+    sensor = {"stiffness_n_per_m": 876_000.0, "damping_ratio": 0.005, "handle_mass_kg": 0.0734}
+    device = {"drive": "velocity", "drive_bandwidth_hz": 12.2, "sample_time_s": 4e-3, "delay_samples": 1}
+    problem = avc.AdmittanceProblem.model_validate(
+        {
+            "device": {**device, "force_sensor": sensor},
+            "law": {"admittance": {"mass_kg": 1.0, "damping_ns_per_m": 1.0}},
+            "hands": {"mass_kg": [0.121, 0.258], "damping_ns_per_m": [7.9, 11.3], "stiffness_n_per_m": [21.0, 89.0]},
+            "contact": {"stiffness_n_per_m": [0.0, 7000.0], "damping_ns_per_m": 6.3},
+        }
+    )
+    region = avc.mass_width(problem)
+    row = region.confirmed_rows[0]
+    law = region.sound_least_kg[row] or region.sound_largest_kg[row], region.damping_ns_per_m[row]
+    loops = [PlainDevice.of(with_law(problem, *law), mass, 7.9, 21.0) for mass in np.linspace(0.121, 0.258, 60)]
+    assert max(largest_pole(loop) for loop in loops) < 1
+    assert min(disk_margin(loop) for loop in loops) >= 0.2

@@ -6,8 +6,6 @@ import math
 from collections.abc import Iterator, Mapping
 from shlex import quote
 
-import numpy as np
-
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.units import Quantity
 from avc_casadi.claims.admittance import (
@@ -61,8 +59,6 @@ Interval = tuple[float, float]
 
 _KNOWN_DELAY_SAMPLES = 0.5
 """A data sheet tells a delay no better than to this part of a sample."""
-_SHOWN_DAMPINGS = 6
-"""Dampings of a region that an answer lists."""
 
 
 def device_line(device: AdmittanceDevice) -> tuple[Part, ...]:
@@ -296,8 +292,6 @@ def region(result: MassWidth, shown: str = "") -> Answer:
     """Return the answer of `zwidth` for an admittance device: the masses that it can render, by damping."""
     problem = result.problem
     shown = shown or problem.typed_name
-    known = np.flatnonzero(np.isfinite(result.sound_least_kg))
-    chosen = known[np.linspace(0, len(known) - 1, min(len(known), _SHOWN_DAMPINGS)).astype(int)] if len(known) else []
     filtered = (
         ("force below", Value(result.cutoff_hz, "frequency")) if result.cutoff_hz else ("force without a filter",)
     )
@@ -305,7 +299,7 @@ def region(result: MassWidth, shown: str = "") -> Answer:
         row("Least damping", _known(result.least_damping_ns_per_m), "with a stable mass"),
         row("Sound from", _known(result.least_sound_damping_ns_per_m), "with a disk margin of 0.2"),
     ]
-    for index in dict.fromkeys(int(place) for place in chosen):
+    for index in result.confirmed_rows:
         damping = Value(float(result.damping_ns_per_m[index]), "damping").text(problem.units)
         span_of_mass = stretch((float(result.sound_least_kg[index]), float(result.sound_largest_kg[index])), "mass")
         rows.append(row(f"At {damping}", span_of_mass))
