@@ -53,14 +53,19 @@ def _model_of(tables: Mapping[str, Any]) -> type[AdmittanceProblem | ForceFeedba
     return AdmittanceProblem if "drive" in device and drive != "force" else None
 
 
+def drive_faults(tables: Mapping[str, Any]) -> list[Finding]:
+    """Return the faults of tables whose drive is not known; none of others."""
+    if _model_of(tables) is None or tables["device"].get("drive", "force") in _DRIVES:
+        return []
+    result = _of_tables(tables, "")
+    return result if isinstance(result, list) else []
+
+
 def refuse_admittance(tables: Mapping[str, Any], file: str) -> None:
-    """Refuse a device with a force sensor where any other is commanded a force."""
+    """Refuse a device with a force sensor, of a drive that is known, where any other is commanded a force."""
     model = _model_of(tables)
     if model is None:
         return
-    if tables["device"].get("drive", "force") not in _DRIVES:
-        result = _of_tables(tables, "")
-        raise refused(result if isinstance(result, list) else [], file)
     if model is AdmittanceProblem:
         fact = f"{file}: device.drive is {shown(tables['device'].get('drive', 'missing'))}"
         raise UnsupportedError(f"{fact}; this is not supported for an admittance device, but {VERBS} are", key="")

@@ -11,7 +11,7 @@ from typing import Any, Literal, TypeVar, cast
 
 from avc_casadi._errors import Fault, InputError, UnsupportedError
 from avc_casadi._util.json_values import plain
-from avc_casadi.files.admittance_file import refuse_admittance, states_drive
+from avc_casadi.files.admittance_file import drive_faults, refuse_admittance, states_drive
 from avc_casadi.files.border import in_keys_of
 from avc_casadi.files.catalogue import (
     DEVICES,
@@ -191,6 +191,9 @@ def parse_problem(text: str, *, file: str = "problem.toml", name: str = "", fold
 
 def _of_tables(tables: Mapping[str, Any], file: str, name: str, folder: Path | None) -> Problem | list[Finding]:
     """Return the problem of the tables of a file, or all faults, each at its path in the file."""
+    faults = drive_faults(tables)
+    if faults:
+        return faults
     refuse_admittance(tables, file)
     law, device = tables.get("law"), tables.get("device")
     for key in ("force_feedback", "torque_feedback"):

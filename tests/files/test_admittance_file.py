@@ -126,6 +126,17 @@ def test_a_verb_that_does_not_know_it_refuses_in_one_sentence(command, tmp_path,
     assert 'device.drive is "velocity"' in said[0]
 
 
+@pytest.mark.parametrize("command", ["check P", "certify P", "solve P", "compare P", "simulate P", "zwidth P"])
+@pytest.mark.parametrize("key", ["mass_kg = 0.1", "drive_bandwidth_hz = 15"])
+def test_a_drive_that_is_not_known_is_an_error_on_its_line(command, key, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    text = f'[device]\n{key}\ndrive = "speed"\n\n[environment]\nstiffness_n_per_m = 500\n'
+    tmp_path.joinpath("d.toml").write_text(text, encoding="utf-8")
+    assert main(command.replace("P", "d.toml").split()) == 2
+    said = capsys.readouterr().err
+    assert 'd.toml:3: device.drive: is "speed"; allowed: "force", "velocity", "position"' in said
+
+
 @pytest.mark.parametrize("call", [avc.recommend, avc.zwidth, avc.certify_law, avc.solve, avc.simulate])
 def test_so_do_calls_of_python(call, tmp_path):
     path = tmp_path / "arm.toml"
