@@ -13,6 +13,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from pydantic_core import PydanticCustomError
+
 from avc_casadi._errors import Fault, InputError, UnsupportedError
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.page import worded
@@ -42,12 +44,15 @@ from avc_casadi.files.problem_file import AnyProblem, is_device, load_any, requi
 from avc_casadi.loops.margins import LEAST_DISK, SOUND_DISK
 from avc_casadi.loops.plant_family import PlantFamily
 from avc_casadi.loops.wall import MAX_DELAY_SAMPLES
+from avc_casadi.model import quantity as q
 from avc_casadi.model.control_law import ControlLaw, LawNumber
 from avc_casadi.model.law import Law
 from avc_casadi.model.problem import Impedance, Problem
 
 # A factor on all forces of a law: that of no force at all is no law.
 _COMMON_GAIN = LawNumber(("gain",), 1.0, 1e-4)
+_ALLOWED = {"k": q.STIFFNESS, "b": q.DAMPING, "b_p": q.DAMPING, "cutoff_hz": q.HERTZ}
+"""What a file allows of these numbers."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -428,12 +433,15 @@ def law_problem(source: AnyProblem) -> Problem:
 
 
 def valid_law(law: SpringDamper, problem: Problem) -> SpringDamper:
-    """Return the law if its numbers are allowed."""
+    """Return the law if its numbers are allowed: as those of the same keys in a file."""
     gains = {"k": law.stiffness_n_per_m, "b": law.damping_ns_per_m, "b_p": law.local_damping_ns_per_m}
-    allowed = "is {:g}; allowed: 0 or a positive finite number"
-    faults = {key: allowed.format(value) for key, value in gains.items() if not (math.isfinite(value) and value >= 0)}
-    if law.cutoff_hz is not None and not (math.isfinite(law.cutoff_hz) and law.cutoff_hz > 0):
-        faults["cutoff_hz"] = f"is {law.cutoff_hz:g}; allowed: a positive finite number"
+    numbers = gains if law.cutoff_hz is None else {**gains, "cutoff_hz": law.cutoff_hz}
+    faults: dict[str, str] = {}
+    for key, value in numbers.items():
+        try:
+            _ALLOWED[key](value)
+        except PydanticCustomError as error:
+            faults[key] = error.message()
     if not faults and not any(gains.values()):
         faults["k"] = "is 0, and b and b_p are 0 too; give at least one of them"
     if faults:

@@ -40,7 +40,7 @@ def certified(args: argparse.Namespace, console: Console) -> Answer:
         with console.step("force feedback"):
             return rows.force_feedback.certificate(avc.certify_force_feedback(problem), args.problem)
     cli.refuse(args, *others, why=_OF_FORCES)
-    read_numbers(args, problem.units, problem.device.metres_per_unit)
+    read_numbers(args, problem.units, problem.device.handle_radius_m)
     typed = {key: getattr(args, option) for option, key in _LAW.items() if getattr(args, option) is not None}
     with console.step("admittance law"):
         return rows.admittance.certificate(avc.certify_admittance(problem, law=typed, progress=console), args.problem)

@@ -65,9 +65,9 @@ def run_certify(args: argparse.Namespace, console: Console) -> Answer:
     if typed or states_law(args.problem, args.gains):
         cli.refuse(args, "prove", "proof_out", "gains", why="does not apply to your own gains; leave it out")
         problem = law_problem(args.problem)
-        read_numbers(args, problem.units, problem.device.metres_per_unit)
+        read_numbers(args, problem.units, problem.device.handle_radius_m)
         law = {key: getattr(args, key) for key in of_plain_law if getattr(args, key) is not None}
-        pieces = law_pieces(args, problem.units, problem.device.metres_per_unit)
+        pieces = law_pieces(args, problem.units, problem.device.handle_radius_m)
         if pieces:
             problem = with_pieces(problem, pieces, law)
         return ends.law_certified(problem.end, problem, law, args, console)

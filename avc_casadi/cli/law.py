@@ -28,26 +28,26 @@ FULL_SPEED_M_PER_S = 0.02
 """Speed at the handle from which a typed friction compensation pushes with all of its force, unless one is typed."""
 
 
-def read_numbers(args: argparse.Namespace, units: Units, metres_per_unit: float) -> None:
+def read_numbers(args: argparse.Namespace, units: Units, handle_radius_m: float | None) -> None:
     """Replace the numbers of a law as typed, with or without a unit, by their SI values in these units.
 
-    For a device that turns, a value may also be that of the handle, as in a file.
+    For a device that turns, a value may also be that of the handle, as in a file; a joint has none.
     """
     for option, key in _NUMBERS.items():
         typed = getattr(args, option)
         if typed is not None:
             unit = unit_of_key(units.key(key), units)
-            setattr(args, option, _typed(typed, unit, option, metres_per_unit))
+            setattr(args, option, _typed(typed, unit, option, handle_radius_m))
 
 
-def law_pieces(args: argparse.Namespace, units: Units, metres_per_unit: float) -> dict[str, Any]:
+def law_pieces(args: argparse.Namespace, units: Units, handle_radius_m: float | None) -> dict[str, Any]:
     """Return the keys of a table [law] that options other than k, b, b_p and cutoff state."""
     gains = {"integral_n_per_m_s": args.ki, "virtual_mass_kg": args.virtual_mass}
     keys: dict[str, Any] = {key: value for key, value in gains.items() if value is not None}
     if args.velocity is not None:
         keys["velocity"] = _velocity(args.velocity)
     if args.friction_compensation is not None:
-        keys["friction_compensation"] = _compensation(args.friction_compensation, units, metres_per_unit)
+        keys["friction_compensation"] = _compensation(args.friction_compensation, units, handle_radius_m)
     if args.notch is not None:
         keys["filters"] = ({"kind": "notch", "frequency_hz": hertz(args.notch, "notch")},)
     return keys
@@ -68,13 +68,13 @@ def with_pieces(problem: avc.Problem, pieces: dict[str, Any], law: dict[str, flo
         return problem.changed(law={**typed, **pieces})
 
 
-def _compensation(typed: str, units: Units, metres_per_unit: float) -> dict[str, float]:
+def _compensation(typed: str, units: Units, handle_radius_m: float | None) -> dict[str, float]:
     """Return the table of a friction compensation: its force and, after a comma, the speed of its full force."""
     force, _, speed = typed.partition(",")
-    force_n = _typed(force.strip(), units.unit("N"), "friction_compensation", metres_per_unit)
+    force_n = _typed(force.strip(), units.unit("N"), "friction_compensation", handle_radius_m)
     if not speed:
-        return {"force_n": force_n, "velocity_m_per_s": FULL_SPEED_M_PER_S / metres_per_unit}
-    full_speed = _typed(speed.strip(), units.unit("m/s"), "friction_compensation", metres_per_unit)
+        return {"force_n": force_n, "velocity_m_per_s": FULL_SPEED_M_PER_S / (handle_radius_m or 1.0)}
+    full_speed = _typed(speed.strip(), units.unit("m/s"), "friction_compensation", handle_radius_m)
     return {"force_n": force_n, "velocity_m_per_s": full_speed}
 
 
@@ -100,9 +100,9 @@ def hertz(typed: str, option: str) -> float:
     return _typed(typed, "Hz", option)
 
 
-def _typed(typed: str, unit: str, option: str, metres_per_unit: float | None = None) -> float:
+def _typed(typed: str, unit: str, option: str, handle_radius_m: float | None = None) -> float:
     """Return a quantity as typed, in SI units."""
     try:
-        return read_quantity(typed, unit, metres_per_unit)
+        return read_quantity(typed, unit, handle_radius_m)
     except ValueError as error:
         raise avc.InputError.of(f"is {shown(typed)}, {error}", key=option) from None

@@ -288,9 +288,13 @@ RADII_M = (2e-3, 10.0)
 MOST_FREQUENCIES = 20_000
 """Largest number of rows of a problem or of a gain table."""
 
+DAMPING = Quantity("N.s/m", 1e-9, LARGEST_DAMPING_NS_PER_M)
+STIFFNESS = Quantity("N/m", 1e-9, LARGEST_STIFFNESS_N_PER_M)
+HERTZ = Quantity("Hz", 1e-6, 1e7, zero=False)
+
 Mass = Annotated[float, BeforeValidator(Quantity("kg", 1e-9, 1e6))]
-Damping = Annotated[float, BeforeValidator(Quantity("N.s/m", 1e-9, LARGEST_DAMPING_NS_PER_M))]
-Stiffness = Annotated[float, BeforeValidator(Quantity("N/m", 1e-9, LARGEST_STIFFNESS_N_PER_M))]
+Damping = Annotated[float, BeforeValidator(DAMPING)]
+Stiffness = Annotated[float, BeforeValidator(STIFFNESS)]
 Force = Annotated[float, BeforeValidator(Quantity("N", 1e-9, 1e6))]
 ForceLimit = Annotated[float, BeforeValidator(Quantity("N", 1e-6, 1e6, zero=False))]
 Length = Annotated[float, BeforeValidator(Quantity("m", 1e-12, 1))]
@@ -302,7 +306,7 @@ Acceleration = Annotated[float, BeforeValidator(Quantity("m/s^2", 1e-6, 1e9, zer
 SampleTime = Annotated[float, BeforeValidator(Quantity("s", 1e-7, 10, zero=False))]
 Span = Annotated[float, BeforeValidator(Quantity("s", 1e-7, 3600, zero=False))]
 Wait = Annotated[float, BeforeValidator(Quantity("s", 1e-9, 3600))]
-Hertz = Annotated[float, BeforeValidator(Quantity("Hz", 1e-6, 1e7, zero=False))]
+Hertz = Annotated[float, BeforeValidator(HERTZ)]
 Rate = Annotated[float, BeforeValidator(Quantity("1/s", 1e-6, 1e9, zero=False))]
 Weight = Annotated[float, BeforeValidator(Quantity("", 1e-12, 1e12))]
 Slope = Annotated[float, BeforeValidator(Quantity("", 1e-6, 1e6, zero=False))]

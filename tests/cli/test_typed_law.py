@@ -52,6 +52,38 @@ def test_a_number_of_a_law_has_any_unit_of_its_quantity(units, option, typed, si
     assert getattr(args, option) == pytest.approx(si, rel=1e-14)
 
 
+JOINT = '[simulation]\n{} = 0.01\nstep_s = 0.005\nintegrator = "implicit-damping"\n'
+
+
+@pytest.mark.parametrize(
+    ("inertia", "typed"),
+    [
+        ("tool_inertia_kgm2", ["--kp", "100 N/m", "--kd", "1"]),
+        ("tool_inertia_kgm2", ["--kp", "100", "--kd", "0.5 N.s/m"]),
+        ("tool_inertia_kgm2", ["--kp", "1 N/mm", "--kd", "1"]),
+        ("tool_inertia_kgm2", ["--kp", "100", "--ki", "2 N/(m.s)"]),
+        ("tool_inertia_kgm2", ["--kp", "100", "--b-p", "1 N.s/m"]),
+        ("tool_inertia_kgm2", ["--kp", "100", "--virtual-mass", "20 g"]),
+        ("tool_inertia_kgm2", ["--kp", "100", "--friction-compensation", "1 N, 0.1 rad/s"]),
+        ("tool_mass_kg", ["--kp", "100 N.m/rad", "--kd", "1"]),
+        ("tool_mass_kg", ["--kp", "100", "--kd", "1 N.m.s/rad"]),
+    ],
+)
+def test_a_joint_has_no_handle_at_which_another_unit_could_be_read(inertia, typed, tmp_path, capsys):
+    joint = tmp_path / "joint.toml"
+    joint.write_text(JOINT.format(inertia))
+    assert main(["certify", str(joint), *typed]) == 2
+    assert "not a quantity in " in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("option", ["--k", "--b", "--b-p", "--ki", "--virtual-mass", "--cutoff-hz"])
+@pytest.mark.parametrize("problem", ["figure5", "knob"])
+def test_a_number_as_typed_has_the_limits_of_its_key(option, problem, capsys):
+    gains = {"--k": "1", "--b": "0.001", option: "1e30"}
+    assert main(["certify", problem, *(word for pair in gains.items() for word in pair)]) == 2
+    assert "is 1e+30; allowed: " in capsys.readouterr().err
+
+
 def test_gains_with_and_without_a_unit_are_the_same_law(capsys):
     certificates = []
     for typed in (["--k", "300", "--b", "2"], ["--kp", "0.3 kN/m", "--kd=2000mN.s/m"]):
