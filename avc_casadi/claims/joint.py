@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -46,6 +46,7 @@ class JointCertificate(Printed):
         damping_ns_per_m: between which values kd is stable at this kp; None: none is.
         step_s: between which steps kp and kd are stable; None: at none.
         mass_kg: between which masses of the joint they are; None: with none. MuJoCo's armature adds to the mass.
+        needs_damper: kd = 0 is not stable, so that an interval of kd from 0 on is one above 0.
 
     Example:
         >>> joint = {"simulation": {"tool_mass_kg": 0.01, "step_s": 0.005, "integrator": "implicit-damping"}}
@@ -66,6 +67,7 @@ class JointCertificate(Printed):
     damping_ns_per_m: Interval | None
     step_s: Interval | None
     mass_kg: Interval | None
+    needs_damper: bool = False
 
     @property
     def passed(self) -> bool:
@@ -93,7 +95,7 @@ class JointCertificate(Printed):
 
     def document(self) -> dict[str, Any]:
         """Return JSON values."""
-        values = {key: value for key, value in vars(self).items() if key not in ("problem", "gains")}
+        values = {key: value for key, value in vars(self).items() if key not in ("problem", "gains", "needs_damper")}
         law: dict[str, Any] = {"stiffness_n_per_m": self.gains.kp, "damping_ns_per_m": self.gains.kd}
         law |= {"velocity": "difference" if self.gains.difference else "engine"}
         whole = {"problem": self.problem.name, "law": law, "armature_kg": self.armature_kg, "stable_at": {}}
@@ -178,6 +180,7 @@ def certify_joint(
         damping_ns_per_m=limits.interval(LawNumber(("kd",), float(gains.kd) or lightest / step_s)),
         step_s=limits.interval(LawNumber(("step_s",), step_s, _SHORTEST_STEP_S, LONGEST_STEP_S)),
         mass_kg=limits.interval(LawNumber(("mass_kg",), lightest, LIGHTEST_TOOL_KG)),
+        needs_damper=not family.stable(replace(gains, kd=0.0)),
     )
 
 

@@ -76,10 +76,12 @@ def test_a_joint_without_a_damper_is_marginal_and_has_a_range_of_kd(joint, capsy
     text = capsys.readouterr().out
     assert "marginal" in text
     assert "--kd KD" in text
+    assert "above 0 N.m.s/rad at this kp" in text
     # The integrator solves for the velocity: there is no largest kd, which JSON has as null.
     assert high is None
     for kd in (2 * low + 1e-3, 1e3):
         assert main(["certify", joint, "--kp", "50", "--kd", f"{kd}"]) == 0
+        assert "above 0 N.m.s/rad at this kp" in capsys.readouterr().out
 
 
 def test_errors_of_a_rotary_joint_name_its_own_keys(joint, capsys):

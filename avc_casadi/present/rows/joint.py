@@ -43,7 +43,7 @@ def certificate(result: JointCertificate, shown: str = "") -> Answer:
         row("Damping ratio", ratio),
         row("Worst case", _joint(result.worst)),
         row("Stable kp", _stretch(result.stiffness_n_per_m, "stiffness", math.inf), "at this kd"),
-        row("Stable kd", _stretch(result.damping_ns_per_m, "damping", math.inf), "at this kp"),
+        row("Stable kd", _stable_dampers(result), "at this kp"),
         row("Largest step", _largest_step(result)),
         row("Least mass", _least_mass(result)),
     ]
@@ -86,6 +86,15 @@ def _stretch(ends: Interval | None, of: str, highest: float) -> tuple[Part, ...]
         return ("none",)
     low, high = ends
     return (_value(low, of), "and more") if high >= highest else (_value(low, of), "to", _value(high, of))
+
+
+def _stable_dampers(result: JointCertificate) -> tuple[Part, ...]:
+    """Return the stable kd; an interval that begins at 0 is open there where no kd at all is not stable."""
+    ends = result.damping_ns_per_m
+    if ends is None or ends[0] > 0 or not result.needs_damper:
+        return _stretch(ends, "damping", math.inf)
+    low, high = (_value(end, "damping") for end in ends)
+    return ("above", low) if math.isinf(ends[1]) else ("above", low, "up to", high)
 
 
 def _value(number: float, of: str) -> Value:
