@@ -23,13 +23,13 @@ def judged(law, **device):
     return avc.certify_law(free(law, **device))
 
 
-def simulated(problem, start_m, seconds, friction_n=0.0):
-    """Amplitude at the end over that at the start, of difference velocity, in small steps of device and friction."""
+def positions(problem, start_m, seconds, friction_n=0.0, start_m_per_s=0.0):
+    """Positions at the samples, of difference velocity, in small steps of device and friction."""
     law, device = problem.law, problem.device
     period, parts = device.sample_time_s, 40
     compensation, mass = law.friction_compensation, device.mass_kg
     waiting = [0.0] * int(device.delay_samples)
-    x, v, last, force, reached = start_m, 0.0, start_m, 0.0, []
+    x, v, last, force, reached = start_m, start_m_per_s, start_m, 0.0, []
     step = period / parts
     for sample in range(int(seconds / period)):
         if sample % law.rate_divider == 0:
@@ -49,10 +49,16 @@ def simulated(problem, start_m, seconds, friction_n=0.0):
             after = v + step * (push - drag) / mass
             after = 0.0 if friction_n and after * v < 0 else after
             x, v = x + step * (v + after) / 2, after
-        reached.append(abs(x))
-        if reached[-1] > 1e3 * start_m:
-            return math.inf
-    return max(reached[-len(reached) // 8 :]) / start_m
+        reached.append(x)
+        if start_m and abs(x) > 1e3 * start_m:
+            break
+    return np.array(reached)
+
+
+def simulated(problem, start_m, seconds, friction_n=0.0):
+    """Amplitude at the end over that at the start."""
+    reached = np.abs(positions(problem, start_m, seconds, friction_n))
+    return reached[-len(reached) // 8 :].max() / start_m
 
 
 def test_friction_compensation_is_a_range_of_negative_dampers():
@@ -147,6 +153,24 @@ def test_the_swing_that_friction_brings_to_rest_is_that_of_a_simulation(damping)
     assert simulated(found.problem, 0.92 * swing_m, 3.0, friction_n=0.04) < 0.7
     assert simulated(found.problem, 1.08 * swing_m, 6.0, friction_n=0.04) > 1.0
     assert not avc.certify_law(stated).passed
+
+
+@pytest.mark.parametrize(
+    ("stiffness", "share", "rests"),
+    [(0.0, 0.8, True), (0.0, 0.95, True), (0.0, 1.05, False), (0.0, 1.5, False), (0.1, 0.95, True), (0.1, 1.5, False)],
+)
+def test_a_drift_rests_where_the_compensation_is_below_the_friction(stiffness, share, rests):
+    """Without a spring, or with a soft one, the growing pole is real: a push of any speed is brought to rest."""
+    friction_n = 0.4
+    compensation = {"force_n": share * friction_n, "velocity_m_per_s": 0.02}
+    law = {"stiffness_n_per_m": stiffness, "friction_compensation": compensation}
+    known = {"coulomb_friction_n": friction_n, "range": {"coulomb_friction_n": [friction_n, friction_n]}}
+    found = avc.certify_law(free(law, **known), lean_on_friction=True, limits=False)
+    assert not found.stable
+    assert found.passed == rests
+    for speed in (0.1, 1.0):
+        moved = positions(found.problem, 0.0, 4.0, friction_n, start_m_per_s=speed)[-500:]
+        assert (np.ptp(moved) < 1e-9) == rests
 
 
 def test_half_of_a_declared_friction_counts_where_no_range_is_declared():
