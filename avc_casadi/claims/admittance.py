@@ -15,27 +15,24 @@ from typing import Any, Self
 import numpy as np
 
 from avc_casadi._errors import InputError
-from avc_casadi._util.arrays import ComplexArray, FloatArray
+from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.printed import Printed
 from avc_casadi._util.progress import SILENT, Progress, Stages
 from avc_casadi._util.text import quantity
+from avc_casadi.claims.contact_limit import ContactLimit
 from avc_casadi.claims.handle_port import HandlePassivity, passivity
 from avc_casadi.claims.law_limits import LawLimits, stacked
 from avc_casadi.claims.sensor_motion import drift, velocity_noise
 from avc_casadi.claims.stated_law import AnyLaw
 from avc_casadi.files.admittance_file import AnyAdmittance, as_admittance, label_of
+from avc_casadi.loops.damped_wall import RINGS_BELOW
 from avc_casadi.loops.handle import Handle, HandleFamily, HandleSide, Pair, leading_poles, plants_of
 from avc_casadi.loops.loop import Body
 from avc_casadi.loops.margins import LEAST_DISK, SOUND_DISK, Margins, OpenLoop, damping_ratios
 from avc_casadi.loops.plant_family import RADIUS_TOLERANCE
 from avc_casadi.loops.wall import closed
-from avc_casadi.model.admittance import (
-    STIFFEST_CONTACT_N_PER_M,
-    AdmittanceProblem,
-    Contact,
-    VirtualImpedance,
-)
+from avc_casadi.model.admittance import AdmittanceProblem, VirtualImpedance
 from avc_casadi.model.control_law import LawNumber
 from avc_casadi.model.hands import Hand
 from avc_casadi.model.law import Law
@@ -44,13 +41,6 @@ from avc_casadi.model.sensed import SensorProblem
 
 Interval = tuple[float, float]
 
-# A limit is confirmed by at most so many searches of the ranges, so far inside the boundary.
-_SEARCHES = 4
-_JUST_INSIDE = 1e-6
-# Contacts of a scan: from the softest on, so many to a decade, and bisections between two of them.
-_SOFTEST_CONTACT_N_PER_M = 1.0
-_CONTACTS_PER_DECADE = 12
-_BISECTIONS = 40
 # Changes that are looked at: up to this factor, in so many steps; then bisections to about a per cent.
 _MOST_CHANGE = 30.0
 _CHANGES = 12
@@ -61,6 +51,11 @@ _WITHOUT_CONTACT = 2
 _DELAY_SHARES = (0.75, 0.5, 0.25, 0.0)
 # Limits that a certificate looks for: of mass, damping and contact.
 _LIMITS = 3
+# A pole within this share of the frequency of the handle on its sensor is its swing, if it keeps this share of decay.
+_NEAR_SENSOR = 0.2
+_KEPT_DECAY = 0.5
+# By so much a change must raise the damping ratio of a law that rings, where none is enough.
+_MORE_DAMPING = 2.0
 # A rough disk margin is right to a per cent.
 _SOUND_ROUGHLY = 1.02 * SOUND_DISK
 
@@ -74,6 +69,8 @@ class HandleCase:
         hand: the hand with the smallest disk margin, or of an unstable loop with the largest spectral radius; all 0
             without one.
         contact: what it touches then; all 0 without one.
+        law_damping_ratio: the smallest of swings that a law can damp: not that of the handle on its sensor, where the
+            drive hardly moves (`swings_of_law`).
     """
 
     handle: Handle
@@ -82,6 +79,8 @@ class HandleCase:
     stable: bool
     damping_ratio: float
     damping_ratio_hz: float
+    law_damping_ratio: float
+    law_damping_ratio_hz: float
     margins: Margins
     hand: dict[str, float]
     contact: dict[str, float]
@@ -89,11 +88,12 @@ class HandleCase:
 
 @dataclass(frozen=True)
 class AdmittanceRemedy:
-    """One change that makes the law deployable, as its loops show: key, value, and the disk margin then."""
+    """One change of a law or device, and what its loops have then: the disk margin and the smallest damping ratio."""
 
     key: str
     value: float
     disk_margin: float
+    damping_ratio: float
 
 
 class SensorAnalysis:
@@ -122,6 +122,11 @@ class SensorAnalysis:
         """Return the disk margin of a law to a per cent, at the points so far; 0 where one is unstable."""
         return OpenLoop.around(plants_of(self.pairs), law.law(self.period_s)).quick_disk_margin
 
+    def rough_damping_ratio(self, law: AnyLaw) -> float:
+        """Return the smallest damping ratio of a law at the points so far."""
+        poles = OpenLoop.around(plants_of(self.pairs), law.law(self.period_s)).poles
+        return float(damping_ratios(np.where(swings_of_law(poles, self.pairs), poles, 0.0)).min())
+
     def confirmed_margin(self, law: AnyLaw) -> float:
         """Return the disk margin of a law after a search of the ranges, whose worst points are kept."""
         measure = _swings(law.law(self.period_s))
@@ -147,6 +152,7 @@ class SensorAnalysis:
         loop = OpenLoop.around(plants_of(pairs), state_space)
         sizes = np.abs(loop.poles)
         ratios = damping_ratios(loop.poles)
+        of_law = damping_ratios(np.where(swings_of_law(loop.poles, pairs), loop.poles, 0.0))
         hz = np.abs(np.angle(loop.poles)).ravel() / (2 * math.pi * self.period_s)
         stable = float(sizes.max()) < 1 - RADIUS_TOLERANCE
         worst = loop.swings() if stable else sizes.max(axis=1)
@@ -159,6 +165,8 @@ class SensorAnalysis:
             stable=stable,
             damping_ratio=float(ratios.min()),
             damping_ratio_hz=float(hz[ratios.argmin()]) if ratios.min() < 1 else 0.0,
+            law_damping_ratio=float(of_law.min()),
+            law_damping_ratio_hz=float(hz[of_law.argmin()]) if of_law.min() < 1 else 0.0,
             margins=loop.least(),
             hand=hand,
             contact=contact,
@@ -169,7 +177,7 @@ class SensorAnalysis:
 
         Contacts have the declared damping. Up to the limit every hand is judged with every softer contact.
         """
-        return _ContactLimit(self.problem, law.law(self.period_s)).find()
+        return ContactLimit(self.problem, law.law(self.period_s)).find()
 
 
 class HandleAnalysis(SensorAnalysis):
@@ -191,74 +199,25 @@ class HandleAnalysis(SensorAnalysis):
         return changed.interval(number, laws_of)
 
 
-@dataclass(frozen=True)
-class _ContactLimit:
-    """The stiffest contact that a law is stable with: a scan of contacts at the corners of the rest, then searches."""
+def swings_of_law(poles: ComplexArray, pairs: Sequence[Pair]) -> BoolArray:
+    """Return which poles (pairs, s) are not those of the handle's swing on its sensor, as with a drive that stands.
 
-    problem: SensorProblem
-    law: Law
-
-    def find(self) -> float:
-        """Return the limit; infinite where the stiffest that a file may state is stable, 0 where no contact is."""
-        rest = [pair for side in self._touching((0.0, 0.0)) for pair in side.corner_pairs]
-        stiffnesses = self._scan()
-        limit = 0.0
-        for _ in range(_SEARCHES):
-            limit = self._first_unstable(rest, stiffnesses)
-            if not limit:
-                break
-            worst = [
-                side.worst_case(leading_poles(self.law)) for side in self._touching((0.0, limit * (1 - _JUST_INSIDE)))
-            ]
-            sides = self._touching((0.0, limit))
-            unstable = [(side, case) for side, case in zip(sides, worst, strict=True) if case.radius >= 1]
-            if not unstable:
-                break
-            for side, case in unstable:
-                hand, contact = side.parts(case.hand)
-                sums = {key: np.array([hand[key] + contact[key]]) for key in hand}
-                sums["stiffness_n_per_m"] = np.array([hand["stiffness_n_per_m"]])
-                rest.append((case.device, Hand(**sums)))
-                stiffnesses = np.union1d(stiffnesses, [contact["stiffness_n_per_m"]])
-        return math.inf if limit >= STIFFEST_CONTACT_N_PER_M else limit
-
-    def _scan(self) -> FloatArray:
-        softest = _SOFTEST_CONTACT_N_PER_M * self.problem.device.metres_per_unit**2
-        decades = math.log10(STIFFEST_CONTACT_N_PER_M / softest)
-        scan = np.geomspace(softest, STIFFEST_CONTACT_N_PER_M, 1 + math.ceil(decades * _CONTACTS_PER_DECADE))
-        return np.append(0.0, scan)
-
-    def _touching(self, stiffness_n_per_m: Interval) -> list[HandleSide]:
-        """Return the sides with a contact of a range of springs and of the declared dampers."""
-        problem = self.problem
-        contact = Contact(stiffness_n_per_m=(0.0, 1.0), damping_ns_per_m=problem.contact.damping_ns_per_m)
-        contact = contact.model_copy(update={"stiffness_n_per_m": stiffness_n_per_m})
-        return HandleFamily.touching(problem.device, problem.hands, contact)
-
-    def _radii(self, rest: Sequence[Pair], stiffness_n_per_m: FloatArray) -> FloatArray:
-        """Return the largest spectral radius with each contact."""
-        pairs = [(device, _stiffer(hand, spring)) for spring in stiffness_n_per_m.tolist() for device, hand in rest]
-        radii = OpenLoop.around(plants_of(pairs), self.law).closed.radius
-        return np.asarray(radii.reshape(len(stiffness_n_per_m), -1).max(axis=1))
-
-    def _first_unstable(self, rest: Sequence[Pair], stiffnesses: FloatArray) -> float:
-        """Return the last stable contact before the first of a scan that is not, by bisection."""
-        unstable = np.flatnonzero(self._radii(rest, stiffnesses) >= 1)
-        if not unstable.size:
-            return float(stiffnesses[-1])
-        if not unstable[0]:
-            return 0.0
-        low, high = stiffnesses[unstable[0] - 1], stiffnesses[unstable[0]]
-        for _ in range(_BISECTIONS):
-            middle = 0.5 * (low + high)
-            stable = self._radii(rest, np.array([middle]))[0] < 1
-            low, high = (middle, high) if stable else (low, middle)
-        return float(low)
-
-
-def _stiffer(hand: Hand, stiffness_n_per_m: float) -> Hand:
-    """Return what the handle carries with a stiffer spring."""
-    return replace(hand, stiffness_n_per_m=hand.stiffness_n_per_m + stiffness_n_per_m)
+    Such a swing, of (m_s + m) d2x/dt2 + (b_s + b) dx/dt + (k_s + k) x = 0, no law damps. It counts as one of the law
+    where the law takes more than half of its decay away.
+    """
+    standing = []
+    for device, hand in pairs:
+        sensor, (mass, damping, stiffness) = device.force_sensor, (float(value[0]) for value in vars(hand).values())
+        whole_kg = sensor.handle_mass_kg + mass
+        decay = (sensor.damping_ns_per_m + damping) / (2 * whole_kg)
+        square = (sensor.stiffness_n_per_m + stiffness) / whole_kg - decay**2
+        standing.append(np.exp((-decay + 1j * math.sqrt(max(square, 0.0))) * device.sample_time_s))
+    alone = np.array(standing)[:, None]
+    # A swing that turns by more than half a turn in a sample is seen at another frequency.
+    turn, turn_alone = np.abs(np.angle(poles)), np.abs(np.angle(alone))
+    near = np.abs(turn - turn_alone) < _NEAR_SENSOR * turn_alone
+    kept = np.log(np.maximum(np.abs(poles), np.finfo(np.float64).tiny)) < _KEPT_DECAY * np.log(np.abs(alone))
+    return np.asarray(~(near & kept))
 
 
 def _lack_of_damping(law: Law) -> Callable[[SampledPlant, object], ComplexArray]:
@@ -324,6 +283,16 @@ class HandleVerdict(Printed):
         return min(case.margins.disk for case in self.cases)
 
     @property
+    def least_damped(self) -> HandleCase:
+        """The case with the smallest damping ratio of a swing that a law can damp."""
+        return min(self.cases, key=lambda case: case.law_damping_ratio)
+
+    @property
+    def rings(self) -> bool:
+        """Whether it is stable, and a swing leaves more than a quarter of its size to the next one."""
+        return self.stable and self.least_damped.law_damping_ratio < RINGS_BELOW
+
+    @property
     def passed(self) -> bool:
         """Whether it may run: stable, with a disk margin of 0.15 or more."""
         return self.stable and self.disk_margin >= LEAST_DISK
@@ -341,7 +310,8 @@ class HandleVerdict(Printed):
         if self.disk_margin < SOUND_DISK:
             how = "thin" if self.passed else f"below {LEAST_DISK}"
             return f"stable, but a disk margin of {self.disk_margin:.2g} is {how}"
-        return f"stable with every hand{' and contact' if self.touches else ''}, and released"
+        rings = f"; its damping ratio is {self.least_damped.law_damping_ratio:.2g}" if self.rings else ""
+        return f"stable with every hand{' and contact' if self.touches else ''}, and released{rings}"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -358,6 +328,8 @@ class AdmittanceCertificate(HandleVerdict):
         drift_m_per_s: velocity of a released handle whose reading is one step of the sensor off; infinite without
             damping, 0 on a spring.
         remedies: single changes that make it sound; None where none was looked for.
+        damped_by: of a law that rings, single changes with which it does not; the one that damps it most where none is
+            enough. None where none was looked for.
 
     Example:
         >>> avc.certify_admittance("admittance/cobot", remedies=False).stable
@@ -371,6 +343,7 @@ class AdmittanceCertificate(HandleVerdict):
     noise_m_per_s: float
     drift_m_per_s: float
     remedies: tuple[AdmittanceRemedy, ...] | None
+    damped_by: tuple[AdmittanceRemedy, ...] | None
 
     @property
     def cause(self) -> str:
@@ -447,7 +420,8 @@ def certify_admittance(
     for way in () if certificate.passed and certificate.disk_margin >= SOUND_DISK else ways:
         stages.begin(f"another {way.key}")
         found.append(_least_change(analysis, way))
-    return replace(certificate, remedies=tuple(remedy for remedy in found if remedy is not None))
+    damped = damping_changes(analysis, own) if certificate.passed and certificate.rings else ()
+    return replace(certificate, remedies=tuple(remedy for remedy in found if remedy is not None), damped_by=damped)
 
 
 def _judged(analysis: HandleAnalysis, law: VirtualImpedance, stages: Stages, *, limits: bool) -> AdmittanceCertificate:
@@ -476,6 +450,7 @@ def _judged(analysis: HandleAnalysis, law: VirtualImpedance, stages: Stages, *, 
         drift_m_per_s=drift(law, problem.device),
         passivity=passivity(analysis.family.sides[0].devices, law.law(analysis.period_s)),
         remedies=None,
+        damped_by=None,
     )
 
 
@@ -564,9 +539,34 @@ def _least_change(analysis: HandleAnalysis, way: _Way) -> AdmittanceRemedy | Non
         best = value if before is None else _refined(margin, before, value)
         disk = margin(best, confirmed=True)
         if disk >= SOUND_DISK:
-            return AdmittanceRemedy(way.key, best, disk)
+            ratio = analyses[best].rough_damping_ratio(way.made(best)[0])
+            return AdmittanceRemedy(way.key, best, disk, ratio)
         before = None if before is None else value
     return None
+
+
+def damping_changes(analysis: HandleAnalysis, law: VirtualImpedance) -> tuple[AdmittanceRemedy, ...]:
+    """Return the first value of each number with which a law does not ring and has a sound disk margin.
+
+    Where there is none, that is the change with the largest damping ratio, if it is twice as large as now.
+    """
+    enough, best = [], None
+    for way in _ways(law, analysis.problem):
+        for value in way.values:
+            changed, problem = way.made(value)
+            judged = analysis if problem is analysis.problem else analysis.changed(problem)
+            ratio, disk = judged.rough_damping_ratio(changed), judged.rough_margin(changed)
+            if disk < _SOUND_ROUGHLY:
+                continue
+            remedy = AdmittanceRemedy(way.key, float(f"{value:.3g}"), disk, ratio)
+            if ratio >= RINGS_BELOW:
+                enough.append(remedy)
+                break
+            best = remedy if best is None or ratio > best.damping_ratio else best
+    if enough:
+        return tuple(enough)
+    helps = best is not None and best.damping_ratio >= _MORE_DAMPING * analysis.rough_damping_ratio(law)
+    return (best,) if best is not None and helps else ()
 
 
 def _refined(margin: Callable[[float], float], thin: float, sound: float) -> float:

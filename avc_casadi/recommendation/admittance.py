@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Self
 
 import numpy as np
@@ -25,6 +25,7 @@ from avc_casadi.claims.admittance import (
     AdmittanceCertificate,
     HandleAnalysis,
     certify_admittance,
+    damping_changes,
     with_device_value,
 )
 from avc_casadi.claims.mass_width import MassSpans, Span, held_span
@@ -285,9 +286,12 @@ def recommend_admittance(problem: AnyAdmittance, progress: Progress = SILENT) ->
         return AdmittanceRecommendation(stated, None, math.inf, least_mass, least_damping, ())
     chosen = stated.changed(law={"admittance": law.model_dump(exclude_none=True)})
     stages.begin("certificate")
+    certificate = certify_admittance(chosen, remedies=False)
+    if certificate.passed and certificate.rings:
+        certificate = replace(certificate, damped_by=damping_changes(HandleAnalysis(chosen, analysis.worst_hands), law))
     return AdmittanceRecommendation(
         problem=chosen,
-        certificate=certify_admittance(chosen, remedies=False),
+        certificate=certificate,
         effort_ns_per_m=effort_ns_per_m(law),
         least_mass_kg=least_mass,
         least_damping_ns_per_m=least_damping,

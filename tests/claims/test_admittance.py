@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from admittance_loop import PlainDevice, PlainPositionDevice, growth, handle_impedance, largest_pole
+from admittance_loop import PlainDevice, PlainPositionDevice, growth, handle_impedance, largest_pole, swings
 
 import avc_casadi as avc
 from avc_casadi._util.progress import Progress
@@ -339,3 +339,67 @@ def test_the_growth_of_a_drive_of_positions_is_that_of_a_simulation():
     carried = (2.0, 5.0, 2e4)
     simulated = growth(PlainPositionDevice.of(problem, *carried), 12_000)
     assert radius(problem, *carried) == pytest.approx(simulated, abs=1e-4)
+
+
+LIGHT = {"mass_kg": 0.876, "damping_ns_per_m": 49.9}
+"""The law of least effort of a robot that is guided by hand: on a contact it swings at 7 Hz."""
+SLOWER_THAN_HZ = 60.0
+"""Swings below this are not those of its handle on the sensor, 91 to 159 Hz."""
+
+
+def least_ratio(problem):
+    """The smallest damping ratio of slow swings, over the corners of hands and contacts, by the second program."""
+    ratios = []
+    for side in HandleFamily.of(problem).sides:
+        for _, hand in side.corner_pairs:
+            ratio, hz = swings(PlainDevice.of(problem, *(float(value[0]) for value in vars(hand).values())))
+            ratios += ratio[hz < SLOWER_THAN_HZ].tolist()
+    return min(ratios)
+
+
+def test_a_law_that_swings_on_a_contact_is_a_caution_and_its_reason_says_so():
+    light = avc.certify_admittance("admittance/cobot", law=LIGHT, remedies=False, limits=False)
+    assert light.passed
+    assert light.rings
+    assert light.least_damped.law_damping_ratio == pytest.approx(least_ratio(light.problem), rel=1e-6)
+    assert light.least_damped.handle == "leaning"
+    assert "damping ratio is 0.06" in light.reason
+    assert "damping ratio" in light.document()["deployable"]["reason"]
+    shown = {row.label: row for row in rows.admittance.certificate(light).rows}
+    assert shown["Damping ratio"].mark is Mark.CAUTION
+    assert shown["Deployable"].mark is Mark.CAUTION
+    assert "settles in 1.3" in shown["Damping ratio"].text(light.problem.units)
+
+
+def test_the_handle_on_its_sensor_that_no_law_damps_is_none():
+    heavy = avc.certify_admittance("admittance/cobot", remedies=False, limits=False)
+    assert least_ratio(heavy.problem) >= 0.2 > min(case.damping_ratio for case in heavy.cases)
+    assert not heavy.rings
+    shown = {row.label: row for row in rows.admittance.certificate(heavy).rows}
+    assert shown["Damping ratio"].mark is not Mark.CAUTION
+    assert shown["Deployable"].mark is Mark.PASS
+
+
+def test_a_swing_on_the_sensor_that_the_law_keeps_going_is_one_of_the_law():
+    """Alone a hand of 2 kg on this sensor has a damping ratio of 0.015; the law leaves 0.003."""
+    tables = arm({"mass_kg": 36.7, "damping_ns_per_m": 800.0}) | {"contact": {"stiffness_n_per_m": 0.0}}
+    judged = avc.certify_admittance(tables, remedies=False, limits=False)
+    assert judged.passed
+    assert judged.rings
+    ratio, hz = swings(PlainDevice.of(judged.problem, 2.0, 5.0, 0.0))
+    assert judged.least_damped.law_damping_ratio == pytest.approx(ratio.min(), rel=1e-4)
+    assert judged.least_damped.law_damping_ratio_hz == pytest.approx(hz[ratio.argmin()], rel=1e-4)
+
+
+@pytest.mark.slow
+def test_what_damps_a_law_that_swings_does_so_in_the_second_program():
+    light = avc.certify_admittance("admittance/cobot", law=LIGHT, limits=False)
+    damped = {remedy.key: remedy for remedy in light.damped_by}
+    assert "damping_ns_per_m" in damped
+    assert damped["damping_ns_per_m"].damping_ratio >= 0.2
+    changed = light.problem.changed(law={"admittance": {"damping_ns_per_m": damped["damping_ns_per_m"].value}})
+    assert least_ratio(changed) >= 0.2 * 0.99
+    again = avc.certify_admittance(changed, remedies=False, limits=False)
+    assert again.passed
+    assert not again.rings
+    assert "virtual damping" in str(light)

@@ -237,6 +237,14 @@ def largest_pole(device):
     return float(np.abs(poles).max())
 
 
+def swings(device):
+    """Return damping ratio and frequency of each pole that swings below half the sample rate."""
+    poles = np.linalg.eigvals(_sampled(device, 0.0)[0])
+    poles = poles[(np.abs(np.imag(poles)) > 1e-6) & (np.abs(poles) > 1e-6)]
+    rates = np.log(poles) / device.sample_s
+    return -rates.real / np.abs(rates), np.abs(rates.imag) / (2 * math.pi)
+
+
 def disk_margin(device):
     """Return 2/max |2 S - 1| of a stable loop, S from a push on the command to the command, on a very fine grid."""
     loop, _, pushed = (np.real(part) for part in _sampled(device, 0.0))

@@ -20,7 +20,7 @@ from avc_casadi.claims.sensor_motion import speed_at_rest
 from avc_casadi.files.new_admittance import NewAdmittance
 from avc_casadi.files.new_options import CONTACT
 from avc_casadi.loops.handle import Handle
-from avc_casadi.loops.margins import LEAST_DISK, SOUND_DISK
+from avc_casadi.loops.margins import LEAST_DISK, SETTLING_BAND, SOUND_DISK
 from avc_casadi.model.admittance import (
     DRIVE_DAMPING_RATIO,
     AdmittanceDevice,
@@ -176,11 +176,11 @@ def certificate(result: AdmittanceCertificate, shown: str = "") -> Answer:
     problem = result.problem
     shown = shown or problem.typed_name
     sound = result.disk_margin >= SOUND_DISK
-    mark = Mark.FAIL if not result.passed else grade(sound, Mark.CAUTION)
+    mark = Mark.FAIL if not result.passed else grade(sound and not result.rings, Mark.CAUTION)
     rows = [
         row("Deployable", f"{'yes' if result.passed else 'no'}: {result.reason}", mark=mark),
         margins(result, result.problem),
-        damping(result.cases),
+        _damping(result),
         row("Worst case", worst_case(result.worst)),
         *_limits(result),
         passivity(result.passivity),
@@ -205,13 +205,15 @@ def recommendation(result: AdmittanceRecommendation, shown: str = "", written: s
     """Return the answer of `recommend` for an admittance device."""
     problem, judged = result.problem, result.certificate
     shown = shown or problem.typed_name
-    rows = [row("Deployable", f"{'yes' if result.passed else 'no'}: {result.reason}", mark=grade(result.passed))]
+    mark = grade(judged is None or not judged.rings, Mark.CAUTION) if result.passed else Mark.FAIL
+    rows = [row("Deployable", f"{'yes' if result.passed else 'no'}: {result.reason}", mark=mark)]
     if judged is not None:
         felt = Value(judged.law.mass_kg + problem.device.force_sensor.handle_mass_kg, "mass")
         rows += [
             row("Law", law_line(judged.law)),
             row("Effort", Value(result.effort_ns_per_m, "damping"), "at 1 Hz; mass felt, handle included:", felt),
             margins(judged, judged.problem),
+            _damping(judged),
             row("Worst case", worst_case(judged.worst)),
             stiffest(judged, problem.contact),
             _noise(judged),
@@ -358,6 +360,31 @@ def damping(cases: tuple[HandleCase, ...]) -> Row:
         return row("Damping ratio", "no oscillation")
     hz = Value(least.damping_ratio_hz, "frequency")
     return row("Damping ratio", Value(least.damping_ratio, "number", 2), "at", hz, f"({_HANDLES[least.handle]})")
+
+
+def _damping(result: AdmittanceCertificate) -> Row:
+    """Return the least damping ratio of any case; of a law that rings how long a swing lasts, and what would help."""
+    if not result.rings:
+        return damping(result.cases)
+    least = result.least_damped
+    ratio, hz = least.law_damping_ratio, least.law_damping_ratio_hz
+    # A swing of ratio zeta, seen at w_d = w sqrt(1 - zeta^2), fades by exp(-zeta w t).
+    decay_per_s = 2 * math.pi * hz * ratio / math.sqrt(1 - ratio**2)
+    swing = (Value(ratio, "number", 2), "at", Value(hz, "frequency"), f"({_HANDLES[least.handle]}), settles in")
+    remedy: tuple[Part, ...] = ()
+    if result.damped_by is not None:
+        remedy = ("no single change of law, drive, delay or sensor by a factor of 30 damps it",)
+    if result.damped_by:
+        remedy = commas(map(_damped_by, result.damped_by), ";")
+    lasts = Value(-math.log(SETTLING_BAND) / decay_per_s, "time")
+    return row(
+        "Damping ratio", swing, lasts, ": lightly damped;" if remedy else ": lightly damped", remedy, mark=Mark.CAUTION
+    )
+
+
+def _damped_by(remedy: AdmittanceRemedy) -> tuple[Part, ...]:
+    name, of = _CHANGES[remedy.key]
+    return parts(name, Value(remedy.value, of), ":", Value(remedy.damping_ratio, "number", 2))
 
 
 def stretch(stable: Interval | None, of: Quantity) -> tuple[Part, ...]:
