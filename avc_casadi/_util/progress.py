@@ -39,6 +39,10 @@ class Stages:
         self._progress.advance(self._finished, max(self._expected, self._finished + 1), name)
 
 
+UNSEEN_STAGES = Stages(SILENT, 0)
+"""Stages of a computation that reports none."""
+
+
 def chunks(rows: int, at_once: int, progress: Progress = SILENT, things: str = "") -> Iterator[slice]:
     """Yield slices of so many rows and report each that is done; one empty slice where there are no rows.
 

@@ -197,6 +197,20 @@ def proof_files(problem: Problem, certificate: Certificate) -> dict[str, dict[st
     }
 
 
+@dataclass(frozen=True)
+class _RowProgress(Progress):
+    """Progress of the proof of one of several rows: rows count, and its own share is a word."""
+
+    whole: Progress
+    done: int
+    rows: int
+
+    def advance(self, done: int, total: int, part: str = "") -> None:
+        """Report the rows that are done, and the share of the present one."""
+        share = f", {100 * done // total} % of the next {part}" if part else ""
+        self.whole.advance(self.done, self.rows, f"rows{share}")
+
+
 def rest_level(subject: Subject) -> LevelResult:
     """Prove or refute rest at each row of the deployed table with constant gains; else give the reason it is open."""
     coupling = subject.coupling
@@ -204,9 +218,14 @@ def rest_level(subject: Subject) -> LevelResult:
         return _rest_result([], RestFinding(), subject.problem, subject.gains.rows)
     rows = coupling.table.rows
     rests = []
-    for done, row in enumerate(rows.tolist()):
-        with subject.progress.step(f"proof of rest, {done + 1} of {len(rows)} rows"):
-            rests.append(_of_row(coupling, row, subject.seed, subject.progress))
+    with subject.progress.step("proof of rest"):
+        for done, row in enumerate(rows.tolist()):
+            progress = subject.progress
+            if len(rows) > 1:
+                progress = _RowProgress(subject.progress, done, len(rows))
+                # A row of which nothing is verified counts too.
+                progress.advance(0, 1)
+            rests.append(_of_row(coupling, row, subject.seed, progress))
     outcomes = [rest.outcome for rest in rests]
     worst_first = ("refuted", "open", "proved")
     worst = min(range(len(rests)), key=lambda row: worst_first.index(outcomes[row]))

@@ -16,6 +16,7 @@ from typing import Any
 import avc_casadi as avc
 from avc_casadi._util.files import write_file
 from avc_casadi._util.json_values import json_text
+from avc_casadi._util.progress import Stages
 from avc_casadi.claims.certify import proof_files
 from avc_casadi.claims.deployable import require_deployable
 from avc_casadi.claims.joint import certify_joint
@@ -210,8 +211,9 @@ def _pair_certified(
 ) -> Answer:
     with console.step("certificate"):
         search = search_of(problem.end, problem)
-        certificate = certify_pair(problem, gains, search)
-        fault = search.fault(gains)
+        stages = Stages(console, search.stages_of_verdict)
+        certificate = certify_pair(problem, gains, search, stages)
+        fault = search.fault(gains, stages)
     result = rows.judge.CertifiedPair(problem, gains, file, certificate, fault, not_used(problem), tuple(notes))
     return rows.judge.pair_certificate(result)
 

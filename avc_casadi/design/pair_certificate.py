@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 
 from avc_casadi._util.json_values import Document
 from avc_casadi._util.page import Worded, worded
+from avc_casadi._util.progress import UNSEEN_STAGES, Stages
 from avc_casadi.claims.engine_port import PortPassivity, port_passivity
 from avc_casadi.design.virtual_tool import EndSearch
 from avc_casadi.loops.loop_family import LeastDampedMode
@@ -61,11 +62,13 @@ class PairCertificate(Worded, Document):
         return {} if self.passivity is None else self.passivity.document()
 
 
-def certify_pair(problem: Problem, gains: ToolGains, search: EndSearch) -> PairCertificate:
-    """Return the certificate: stability and passivity apart."""
-    stable = search.loops.stable_over_ranges(gains)
-    radius, case = search.loops.radius(gains)
-    margins = search.margins(gains)
+def certify_pair(
+    problem: Problem, gains: ToolGains, search: EndSearch, stages: Stages = UNSEEN_STAGES
+) -> PairCertificate:
+    """Return the certificate: stability and passivity apart. Each region that is searched is a stage."""
+    stable = search.loops.stable_over_ranges(gains, stages)
+    radius, case = search.loops.radius(gains, stages)
+    margins = search.margins(gains, stages)
     return PairCertificate(
         stable=stable,
         spectral_radius=radius,

@@ -13,6 +13,7 @@ import numpy as np
 
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.page import Worded
+from avc_casadi._util.progress import UNSEEN_STAGES, Stages
 from avc_casadi.loops.engine import ToolLoops
 from avc_casadi.loops.follower import FollowerLoops
 from avc_casadi.loops.loop_family import LoopFamily, Loops, WithGainMargin
@@ -335,23 +336,27 @@ class CouplingSearch:
         fine = 1 + self.options.precision
         return edge(lambda factor: self.loops.stable(gains.times(factor, motor)), 1.0, WIDEST_MARGIN, fine)
 
-    def gain_margin_over_ranges(self, gains: ToolGains, motor: int | None = None) -> float:
+    def gain_margin_over_ranges(
+        self, gains: ToolGains, motor: int | None = None, stages: Stages = UNSEEN_STAGES
+    ) -> float:
         """Return the gain margin of K and B, or of one motor alone, once no search of the ranges refutes it."""
         margin = self.gain_margin(gains, motor)
-        while margin and self.loops.has_counterexample(gains.times(margin / (1 + self.options.precision), motor)):
+        while margin and self.loops.has_counterexample(
+            gains.times(margin / (1 + self.options.precision), motor), stages
+        ):
             margin = self.gain_margin(gains, motor)
         return margin
 
-    def margins(self, gains: ToolGains) -> PairMargins:
+    def margins(self, gains: ToolGains, stages: Stages = UNSEEN_STAGES) -> PairMargins:
         """Return the gain margins of K and B at both ends, and of the device's motor alone and the follower's."""
-        motor_margins = [self.gain_margin_over_ranges(gains, motor) for motor in range(self.loops.motors)]
-        return PairMargins(self.gain_margin_over_ranges(gains), tuple(motor_margins))
+        motor_margins = [self.gain_margin_over_ranges(gains, motor, stages) for motor in range(self.loops.motors)]
+        return PairMargins(self.gain_margin_over_ranges(gains, stages=stages), tuple(motor_margins))
 
-    def fault(self, gains: ToolGains) -> PairFault | None:
+    def fault(self, gains: ToolGains, stages: Stages = UNSEEN_STAGES) -> PairFault | None:
         """Return why gains should not run on a device; None where they may."""
-        if _unstable(self.loops, gains):
+        if _unstable(self.loops, gains, stages):
             return PairFault()
-        return PairFault(least_gain_margin=self.least) if _unstable(self.deployable, gains) else None
+        return PairFault(least_gain_margin=self.least) if _unstable(self.deployable, gains, stages) else None
 
     def local_dampers_ns_per_m(self, gains: ToolGains) -> tuple[float, float]:
         """Return the range of the damper in the device's local loop with which K and B stay stable."""
@@ -410,9 +415,9 @@ class CouplingSearch:
         return gains(limit)
 
 
-def _unstable(loops: Loops, gains: ToolGains) -> bool:
+def _unstable(loops: Loops, gains: ToolGains, stages: Stages) -> bool:
     """Return whether some loop is unstable, at the corners of the ranges or inside."""
-    return not loops.stable(gains) or loops.has_counterexample(gains)
+    return not loops.stable(gains) or loops.has_counterexample(gains, stages)
 
 
 class EndSearch(CouplingSearch, ABC):
@@ -428,6 +433,15 @@ class EndSearch(CouplingSearch, ABC):
     @abstractmethod
     def loop_count(self) -> int:
         """Number of loops at the corners of all ranges, and of counterexamples inside."""
+
+    @property
+    def stages_of_verdict(self) -> int:
+        """Regions of the ranges that a usual certificate and verdict search: each once with each of some gains.
+
+        These are the gains themselves, those at the margin of each motor and of K and B, and those of `deployable`.
+        """
+        at_margins = self.loops.motors + 1
+        return (1 + 2 * at_margins) * self.loops.regions
 
     @property
     def wanted_n_per_m(self) -> float | None:

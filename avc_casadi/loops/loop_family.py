@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from avc_casadi._util.arrays import ComplexArray, FloatArray
+from avc_casadi._util.progress import UNSEEN_STAGES, Stages
 from avc_casadi.loops.search import Box, corners_and_knots, worst_point
 from avc_casadi.loops.spectrum import ClosedLoops, leading_radii, moving_poles
 from avc_casadi.model.ends import ToolGains
@@ -80,15 +81,21 @@ class SearchRegion:
         ]
 
 
-def _worse_of_a_kind(regions: Sequence[SearchRegion], gains: ToolGains, growth_limit: float) -> list[Pattern]:
-    """Return loops that grow more than a limit, of regions of one kind.
+def _worse_of_a_kind(
+    regions: Sequence[SearchRegion], gains: ToolGains, growth_limit: float, stages: Stages
+) -> list[Pattern]:
+    """Return loops that grow more than a limit, of regions of one kind; each region is a stage.
 
     Of many clocks those are searched that grow fastest at corners and knots, and one loop stands for its neighbours.
     """
-    if len(regions) <= SEARCHED_OF_A_KIND:
-        return [loop for region in regions for _, loop in region.worse(gains, growth_limit)]
-    ranked = sorted(regions, key=lambda region: -region.screened(gains))[:SEARCHED_OF_A_KIND]
-    worse = [loop for region in ranked for loop in region.worse(gains, growth_limit)]
+    few = len(regions) <= SEARCHED_OF_A_KIND
+    ranked = regions if few else sorted(regions, key=lambda region: -region.screened(gains))[:SEARCHED_OF_A_KIND]
+    worse: list[tuple[float, Pattern]] = []
+    for region in ranked:
+        stages.begin("searches of the ranges")
+        worse += region.worse(gains, growth_limit)
+    if few:
+        return [loop for _, loop in worse]
     return [max(worse, key=lambda loop: loop[0])[1]] if worse else []
 
 
@@ -116,8 +123,16 @@ class LoopFamily:
         self._last: dict[int, tuple[ToolGains, FloatArray]] = {}
         self._searched: set[ToolGains] = set()
 
-    def search(self, gains: ToolGains) -> int:
-        """Search the ranges with these gains, once; return how many loops worse than all so far it adds."""
+    @property
+    def regions(self) -> int:
+        """Number of regions of the ranges that one search looks through."""
+        return sum(min(len(alike), SEARCHED_OF_A_KIND) for alike in self._kinds.values())
+
+    def search(self, gains: ToolGains, stages: Stages = UNSEEN_STAGES) -> int:
+        """Search the ranges with these gains, once; return how many loops worse than all so far it adds.
+
+        Each region that is searched is a stage.
+        """
         if gains in self._searched:
             return 0
         self._searched.add(gains)
@@ -126,23 +141,23 @@ class LoopFamily:
         limit = radius ** (UNIT_S / self.patterns[place].period_s) * (1 + TOLERANCE)
         with np.errstate(over="ignore", invalid="ignore"):
             for alike in self._kinds.values():
-                self.patterns += _worse_of_a_kind(alike, gains, limit)
+                self.patterns += _worse_of_a_kind(alike, gains, limit, stages)
         return len(self.patterns) - before
 
-    def radius(self, gains: ToolGains) -> tuple[float, Any]:
+    def radius(self, gains: ToolGains, stages: Stages = UNSEEN_STAGES) -> tuple[float, Any]:
         """Return the largest spectral radius, for a tick, and what its loop is, after a search of the ranges."""
-        self.search(gains)
+        self.search(gains, stages)
         place, row, radius = self.worst(gains)
         pattern = self.patterns[place]
         return radius ** (1 / pattern.ticks), pattern.case(row)
 
-    def has_counterexample(self, gains: ToolGains) -> bool:
+    def has_counterexample(self, gains: ToolGains, stages: Stages = UNSEEN_STAGES) -> bool:
         """Return whether a search of the ranges adds an unstable loop."""
-        return self.search(gains) > 0 and not self.stable(gains)
+        return self.search(gains, stages) > 0 and not self.stable(gains)
 
-    def stable_over_ranges(self, gains: ToolGains) -> bool:
+    def stable_over_ranges(self, gains: ToolGains, stages: Stages = UNSEEN_STAGES) -> bool:
         """Return whether every loop is stable, the worst that a search of the ranges finds included."""
-        return self.stable(gains) and not self.has_counterexample(gains)
+        return self.stable(gains) and not self.has_counterexample(gains, stages)
 
     def stable(self, gains: ToolGains) -> bool:
         """Return whether every loop so far is stable; loops that failed before are checked first."""
@@ -223,9 +238,9 @@ class WithGainMargin:
         between = gains.times(math.sqrt(self.gain_margin))
         return all(map(self.loops.stable, [*self._off(gains), between, gains]))
 
-    def has_counterexample(self, gains: ToolGains) -> bool:
+    def has_counterexample(self, gains: ToolGains, stages: Stages = UNSEEN_STAGES) -> bool:
         """Return whether a search of the ranges finds an unstable loop, with the margin or without."""
-        return any(map(self.loops.has_counterexample, [*self._off(gains), gains]))
+        return any(self.loops.has_counterexample(tried, stages) for tried in [*self._off(gains), gains])
 
     def slowest(self, gains: ToolGains) -> LeastDampedMode:
         """Return the least damped oscillation of all loops."""

@@ -6,15 +6,16 @@ The law runs as it is, its nonlinear pieces too. What no linear claim shows is l
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from avc_casadi._errors import InputError, UnsupportedError
 from avc_casadi._util.arrays import BoolArray, FloatArray, IndexArray
 from avc_casadi._util.counts import hands_count, refuse_counts, seed_count
-from avc_casadi._util.progress import SILENT, Progress
+from avc_casadi._util.progress import SILENT, Progress, Stages
 from avc_casadi.files.problem_file import require_device
 from avc_casadi.model.declared import declared_effects
 from avc_casadi.model.device import Device
@@ -28,7 +29,7 @@ from avc_casadi.simulation.execute import execute
 from avc_casadi.simulation.judge import QUIET, Traces
 from avc_casadi.simulation.population.motions import at_handle, course_of
 from avc_casadi.simulation.population.operators import people_of
-from avc_casadi.simulation.population.setup import Setup, prepare, traces
+from avc_casadi.simulation.population.setup import Setup, block_count, prepare, simulations
 from avc_casadi.simulation.population.trial import CONFIDENCE, exact_interval
 
 LAW_HANDS = 200
@@ -175,9 +176,10 @@ def try_law(
     drawn_hands = people_of(problem.hands, hands, seed)
     levels = _friction_levels_n(problem, friction=friction)
     cases: dict[str, LawCase] = {}
-    for count, (name, friction_n) in enumerate(levels.items()):
-        progress.advance(count, len(levels), name.replace("_", " "))
-        cases[name] = _try_at(_at_friction(problem, friction_n), drawn_hands, seed)
+    stages = Stages(progress, len(levels) * _stages_at(problem, hands))
+    for name, friction_n in levels.items():
+        at_level = name.replace("_", " ") + " friction" * (name == "declared")
+        cases[name] = _try_at(_at_friction(problem, friction_n), drawn_hands, seed, partial(_begin, stages, at_level))
     return LawTrial(
         problem=problem,
         hands=hands,
@@ -223,12 +225,36 @@ class _Motion:
     stiffness_n_per_m: FloatArray
 
 
-def _try_at(problem: Problem, hands: Hand, seed: int) -> LawCase:
-    """Return what hands find at the friction that a problem declares."""
+def _stages_at(problem: Problem, hands: int) -> int:
+    """Return how many stages a trial at one friction has: blocks of each motion, a release, and a long press."""
+    _, duration_s = course_of(problem)
+    blocks = block_count(hands, duration_s, problem.device.sample_time_s)
+    hunts = problem.law is not None and bool(problem.law.integral_n_per_m_s)
+    return len(LAW_MOTIONS) * blocks + 1 + hunts
+
+
+def _begin(stages: Stages, at_level: str, motion: str) -> None:
+    """Begin the stage of a motion at a level of friction."""
+    stages.begin(f"{motion}, {at_level}")
+
+
+def _simulated(simulations_of: Iterator[Callable[[], Traces]], begin: Callable[[], None]) -> Iterator[Traces]:
+    """Yield the traces of each block, whose simulation is a stage."""
+    for simulation in simulations_of:
+        begin()
+        yield simulation()
+
+
+def _try_at(problem: Problem, hands: Hand, seed: int, begin: Callable[[str], None]) -> LawCase:
+    """Return what hands find at the friction that a problem declares; each motion of a block begins a stage."""
     setup = law_setup(problem)
     motions, duration_s = course_of(problem)
-    tried = {name: _moved(traces(setup, hands, motions[name], duration_s), problem.device) for name in LAW_MOTIONS}
+    tried = {}
+    for name in LAW_MOTIONS:
+        blocks = simulations(setup, hands, motions[name], duration_s)
+        tried[name] = _moved(_simulated(blocks, partial(begin, name)), problem.device)
     rests = np.all([motion.rests for motion in tried.values()], axis=0)
+    begin("release")
     released, released_swings = _released(setup, duration_s)
     stiffness = tried["press"].stiffness_n_per_m
     in_contact = stiffness[np.isfinite(stiffness)]
@@ -238,7 +264,7 @@ def _try_at(problem: Problem, hands: Hand, seed: int) -> LawCase:
         by_motion={name: int(motion.rests.sum()) for name, motion in tried.items()},
         moving=tuple(np.flatnonzero(~rests)[:_MOST_MOVING].tolist()),
         swings=_largest([cycle for motion in tried.values() for cycle in motion.cycles]),
-        hunts=_hunting(setup, people_of(problem.hands, _LONG_PRESS_HANDS, seed)),
+        hunts=_hunting(setup, people_of(problem.hands, _LONG_PRESS_HANDS, seed), begin),
         released=released,
         released_swings=released_swings,
         felt_vibration=max(motion.vibration for motion in tried.values()),
@@ -268,7 +294,7 @@ def _moved(blocks: Iterator[Traces], device: Device) -> _Motion:
     )
 
 
-def _hunting(setup: Setup, hands: Hand) -> LimitCycle | None:
+def _hunting(setup: Setup, hands: Hand, begin: Callable[[str], None]) -> LimitCycle | None:
     """Return a cycle of a long press with an integral, that of median frequency over hands; None where none goes on.
 
     How slow one is depends on where the steps of the encoder stand; how large it is hardly does.
@@ -279,7 +305,8 @@ def _hunting(setup: Setup, hands: Hand) -> LimitCycle | None:
     press = at_handle(Press(), device)
     rest_m = max(_HUNTING_M / device.metres_per_unit, _HUNTING_STEPS * device.encoder_resolution_m)
     cycles = []
-    for block in traces(setup, hands, press, LONG_PRESS_S):
+    blocks = simulations(setup, hands, press, LONG_PRESS_S)
+    for block in _simulated(blocks, partial(begin, "long press")):
         turns = _Cycles.of(block, _HUNTING_WINDOW_S, rest_m)
         cycles += [turns.cycle(int(row)) for row in np.flatnonzero(turns.sustained)]
     return sorted(cycles, key=lambda cycle: cycle.frequency_hz)[len(cycles) // 2] if cycles else None

@@ -180,9 +180,19 @@ def simulations(
     def traces_of(block: FloatArray) -> Traces:
         return Traces.of(execute(scene, block, inputs), setup.problem.device)
 
-    at_once = min(HANDS_AT_ONCE, max(1, NUMBERS_AT_ONCE // inputs.shape[-1]))
+    at_once = _at_once(inputs.shape[-1])
     for first in range(0, len(parameters), at_once):
         yield partial(traces_of, parameters[first : first + at_once])
+
+
+def _at_once(samples: int) -> int:
+    """Return how many hands are simulated at a time over so many samples."""
+    return min(HANDS_AT_ONCE, max(1, NUMBERS_AT_ONCE // samples))
+
+
+def block_count(hands: int, duration_s: float, sample_time_s: float) -> int:
+    """Return in about how many blocks hands are simulated."""
+    return math.ceil(hands / _at_once(max(1, round(duration_s / sample_time_s))))
 
 
 def traces(setup: Setup, hands: Hand | StylusHand, motion: Motion, duration_s: float = DURATION_S) -> Iterator[Traces]:
