@@ -19,6 +19,7 @@ from avc_casadi._errors import Fault, InputError, UnsupportedError
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.page import worded
 from avc_casadi._util.printed import Printed
+from avc_casadi._util.progress import SILENT, Progress, Stages
 from avc_casadi.claims.deployable import DetentClaim, detent_claim
 from avc_casadi.claims.friction import FrictionCredit, credited
 from avc_casadi.claims.impedance import stiffness_at_handle
@@ -217,6 +218,7 @@ def certify_law(  # noqa: PLR0913 - options by name, of a public call
     remedies: bool = True,
     limits: bool = True,
     lean_on_friction: bool = False,
+    progress: Progress = SILENT,
 ) -> LawCertificate:
     """Judge your own law, force = -(k x + (b + b_p) v) or the table `[law]` of the problem, on a device.
 
@@ -229,12 +231,11 @@ def certify_law(  # noqa: PLR0913 - options by name, of a public call
         b_p: damper that acts outside the wall too.
         cutoff_hz: of a first-order filter of the velocity; None: no filter.
         remedies: look for what would help too, of a plain law: k, b, b_p and the filter.
-        limits: the stable interval of each number too; without them the verdict takes a few tenths of a second, also
-            on a law of many numbers or a device with a resonance.
-        lean_on_friction: credit the declared dry friction: a law that grows without it passes where an impact of
-            1 m/s at the handle comes to rest.
+        limits: the stable interval of each number too; without them the verdict takes a few tenths of a second.
+        lean_on_friction: credit the declared dry friction, which has to bring an impact of 1 m/s at the handle to rest.
         law: in place of the table `[law]` of the problem: its keys as a dict, or a discrete system C(z) with attributes
             A, B, C, D and dt, as of python-control or SciPy; force = -C(z) x. k, b, b_p and cutoff_hz replace its own.
+        progress: receiver of the progress.
 
     Raises:
         InputError: a value that is refused, another dt than the sample time, or neither spring nor damper.
@@ -246,7 +247,7 @@ def certify_law(  # noqa: PLR0913 - options by name, of a public call
         (False, 0.06)
     """
     stated = require_wall(law_problem(problem))
-    how = _How(limits=limits, lean=lean_on_friction)
+    how = _How(limits=limits, lean=lean_on_friction, progress=progress)
     if is_system(law):
         if any(gain is not None for gain in (k, b, b_p, cutoff_hz)):
             raise InputError.of("is a discrete system, which has no k, b, b_p or cutoff_hz; leave them out", key="law")
@@ -270,10 +271,14 @@ def certify_law(  # noqa: PLR0913 - options by name, of a public call
 
 @dataclass(frozen=True)
 class _How:
-    """What is computed beyond the verdict: limits of each number, and the swing up to which friction is credited."""
+    """What is computed beyond the verdict: limits of each number, and the swing up to which friction is credited.
+
+    Each limit and each worst case is a stage of the progress.
+    """
 
     limits: bool
     lean: bool
+    progress: Progress
 
 
 def _spring_damper(law: ControlLaw, *, one_sided: bool) -> SpringDamper:
@@ -301,15 +306,17 @@ def _number_limits(
     analysis: LawAnalysis,
     laws: Sequence[Law],
     acting_with: Callable[[ControlLaw | StatedSystem], ActingLaws],
+    stages: Stages,
 ) -> _NumberLimits:
     """Return the stable intervals of a law, of which some laws act; others act with another value of a number."""
     limits = LawLimits(analysis.family, laws)
-    period_s = analysis.device.sample_time_s
-    of_numbers = {
-        number.key: limits.interval(number, NumberLaws(law, number, lambda table: acting_with(table).all))
-        for number in law.numbers(period_s)
-        if isinstance(law, ControlLaw)
-    }
+    of_numbers: dict[str, Interval | None] = {}
+    if isinstance(law, ControlLaw):
+        for number in law.numbers(analysis.device.sample_time_s):
+            stages.begin("limits of its numbers")
+            laws_of = NumberLaws(law, number, lambda table: acting_with(table).all)
+            of_numbers[number.key] = limits.interval(number, laws_of)
+    stages.begin("limits of all forces")
     return _NumberLimits(of_numbers, limits.interval(_COMMON_GAIN, lambda gains: [part.times(gains) for part in laws]))
 
 
@@ -325,12 +332,13 @@ def _certify_pieces(law: ControlLaw | StatedSystem, problem: Problem, how: _How,
     outside = one_sided and isinstance(law, ControlLaw) and law.acts_outside
     acting_with = partial(acting_laws, period_s=device.sample_time_s, outside=outside, detent=problem.detent)
     acting = acting_with(law)
-    limits = _number_limits(law, analysis, acting.all, acting_with) if how.limits else _NumberLimits({}, None)
-    cases = [
-        _worst_of([analysis.case(StatedSystem(part), side) for part in acting.in_contact], slower)
-        for side in analysis.sides
-    ]
-    free = [analysis.case(StatedSystem(part), side) for side in analysis.sides for part in acting.outside]
+    limit_count = len(law.numbers(device.sample_time_s)) + 1 if how.limits else 0
+    stages = Stages(how.progress, limit_count + len(analysis.sides) * len(acting.all))
+    limits = _NumberLimits({}, None)
+    if how.limits:
+        limits = _number_limits(law, analysis, acting.all, acting_with, stages)
+    cases = [_worst_of(_cases(analysis, acting.in_contact, side, stages), slower) for side in analysis.sides]
+    free = [case for side in analysis.sides for case in _cases(analysis, acting.outside, side, stages)]
     linear = acting.in_contact[0].linear
     static = static_gain(linear)
     stable = all(case.stable for case in (*cases, *free))
@@ -358,6 +366,15 @@ def _certify_pieces(law: ControlLaw | StatedSystem, problem: Problem, how: _How,
         friction=_credited(analysis, acting.all, law) if how.lean and not stable else None,
         detent=detent_claim(at_rate) if one_sided and problem.detent is not None else None,
     )
+
+
+def _cases(analysis: LawAnalysis, laws: Sequence[Law], side: PlantFamily, stages: Stages) -> list[CaseResult]:
+    """Return the worst case of each law on one side of the ranges."""
+    cases = []
+    for law in laws:
+        stages.begin("worst cases")
+        cases.append(analysis.case(StatedSystem(law), side))
+    return cases
 
 
 def _worst_of(cases: Sequence[CaseResult], slower: int) -> CaseResult:
@@ -394,10 +411,14 @@ def _certify_spring_damper(law: SpringDamper, stated: Problem, how: _How, *, rem
     b_p, device = valid_law(law, stated).local_damping_ns_per_m, stated.device
     state_space = law.law(device.sample_time_s)
     analysis = LawAnalysis(stated)
+    stages = Stages(how.progress, 1 + how.limits + remedies)
+    stages.begin("worst cases")
     held, *released = (analysis.case(law, side) for side in analysis.sides)
     outside = [analysis.case(law.outside, side) for side in analysis.sides if b_p]
     acting = [state_space, *([law.outside.law(device.sample_time_s)] if b_p else [])]
     stable = all(case.stable for case in (held, *released, *outside))
+    if how.limits:
+        stages.begin("limits of k and b")
     only_local = analysis.damping_range(SpringDamper(0.0, b_p)) if b_p and how.limits else None
     certificate = LawCertificate(
         problem=stated,
@@ -420,6 +441,7 @@ def _certify_spring_damper(law: SpringDamper, stated: Problem, how: _How, *, rem
     )
     if not remedies or (certificate.passed and certificate.disk_margin >= SOUND_DISK and certificate.quiet):
         return certificate
+    stages.begin("what would help")
     return replace(certificate, remedies=tuple(remedies_of(law, stated, analysis)))
 
 

@@ -157,7 +157,7 @@ def _law_certified_at_wall(
     console: Console,
 ) -> Answer:
     with console.step("your own law"):
-        judged_law = avc.certify_law(problem, **law, lean_on_friction=args.lean_on_friction)
+        judged_law = avc.certify_law(problem, **law, lean_on_friction=args.lean_on_friction, progress=console)
         return rows.judge.own_law(judged_law, args.problem)
 
 

@@ -147,3 +147,17 @@ def test_each_row_of_a_proof_is_a_part_of_it() -> None:
     proved = [(done, of) for done, of, part in parts.reported if part.startswith("rows")]
     assert list(dict.fromkeys(proved)) == [(done, rows) for done in range(rows)]
     assert any("% of the next verified" in part for *_, part in parts.reported)
+
+
+@pytest.mark.parametrize("velocity", [{"kind": "difference"}, {"kind": "window", "samples": 3}])
+def test_limits_and_worst_cases_of_a_law_are_parts_of_its_certificate(velocity: dict[str, object]) -> None:
+    problem = avc.Problem(
+        device={"mass_kg": 0.1, "damping_ns_per_m": 1.0},
+        environment={"stiffness_n_per_m": 0.0, "damping_ns_per_m": 0.0},
+        law={"stiffness_n_per_m": 100.0, "damping_ns_per_m": 2.0, "velocity": velocity},
+    )
+    parts = Parts()
+    avc.certify_law(problem, remedies=False, progress=parts)
+    # Of k, b, the window and all forces, then held and released; of a plain law each kind of them.
+    assert parts.counts_up_to(6 if velocity["kind"] == "window" else 2)
+    assert len(parts.reported) == parts.reported[0][1]

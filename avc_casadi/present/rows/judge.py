@@ -30,7 +30,7 @@ from avc_casadi.model.effects import SaturationEffect
 from avc_casadi.model.ends import End, Simulation, ToolGains, Wall
 from avc_casadi.model.problem import Problem
 from avc_casadi.present import words
-from avc_casadi.present.row import Answer, Mark, Part, Row, Value, caution, commas, grade, parts, row, span
+from avc_casadi.present.row import Answer, Mark, Part, Row, Value, caution, commas, grade, parts, row
 from avc_casadi.present.rows import pieces, subject
 from avc_casadi.present.rows.other_ends import stability
 from avc_casadi.recommendation.assumptions import Unused
@@ -205,7 +205,7 @@ def _law_rows(result: LawCertificate) -> list[Row]:
         margin = (alone, "disk margin", Value(disk, "number", 2))
         rows.append(row("Outside the wall", margin, mark=_mark_of_disk(disk)))
     rows += _law_detents(result)
-    rows += _law_limits(result)
+    rows += pieces.law_limits(result)
     rows += pieces.friction(result)
     problem = result.problem
     if not isinstance(problem.end, Wall):
@@ -251,26 +251,6 @@ def _law_loops(result: LawCertificate) -> list[Row]:
         subject.margins({which_loop: case.margins for which_loop, case in cases.items()}, margin_mark),
         subject.settling(None if math.isinf(settling_s) else settling_s, slowest),
         subject.damping_ratio(ratio, hz, swinging, result.problem.device.sample_time_s),
-    ]
-
-
-def _law_limits(result: LawCertificate) -> list[Row]:
-    """Return what the law renders, its limits, and the noise of its force."""
-    at_rest = (Value(result.static_stiffness_n_per_m, "stiffness"), "at rest")
-    moving = [(Value(stiffness, "stiffness"), f"at {hz:g} Hz") for hz, stiffness in result.rendered_n_per_m.items()]
-    largest, allowed = result.largest_stiffness_n_per_m, result.damping_range_ns_per_m
-    limits = [
-        row("Largest k", Value(largest, "stiffness") if largest else "none", "at this b"),
-        row("Stable b", "none" if allowed is None else span(allowed, "damping"), "at this k"),
-    ]
-    if not result.limited:
-        limits = [row("Limits", "not computed")]
-    elif result.intervals is not None:
-        limits = [*pieces.limits(result.intervals, result.largest_common_gain or 0.0), *pieces.limited(result)]
-    return [
-        row("Rendered", commas([at_rest, *moving])),
-        *limits,
-        pieces.force_noise(result),
     ]
 
 

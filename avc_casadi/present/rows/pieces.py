@@ -15,7 +15,7 @@ from avc_casadi.model.control_law import (
     TicksVelocity,
     WindowVelocity,
 )
-from avc_casadi.present.row import Mark, Part, Parts, Row, Value, caution, commas, grade, parts, quantity_of, row
+from avc_casadi.present.row import Mark, Part, Parts, Row, Value, caution, commas, grade, parts, quantity_of, row, span
 
 GAINS = {
     "stiffness_n_per_m": "k",
@@ -143,6 +143,26 @@ def _stretch(key: str, ends: Interval | None) -> tuple[Part, ...]:
     if math.isinf(ends[1]):
         return (low, "or more")
     return ("up to", high) if math.isinf(ends[0]) else (low, "to", high)
+
+
+def law_limits(result: LawCertificate) -> list[Row]:
+    """Return what the law renders, its limits, and the noise of its force."""
+    at_rest = (Value(result.static_stiffness_n_per_m, "stiffness"), "at rest")
+    moving = [(Value(stiffness, "stiffness"), f"at {hz:g} Hz") for hz, stiffness in result.rendered_n_per_m.items()]
+    largest, allowed = result.largest_stiffness_n_per_m, result.damping_range_ns_per_m
+    limits_of = [
+        row("Largest k", Value(largest, "stiffness") if largest else "none", "at this b"),
+        row("Stable b", "none" if allowed is None else span(allowed, "damping"), "at this k"),
+    ]
+    if not result.limited:
+        limits_of = [row("Limits", "not computed")]
+    elif result.intervals is not None:
+        limits_of = [*limits(result.intervals, result.largest_common_gain or 0.0), *limited(result)]
+    return [
+        row("Rendered", commas([at_rest, *moving])),
+        *limits_of,
+        force_noise(result),
+    ]
 
 
 def force_noise(result: LawCertificate) -> Row:
