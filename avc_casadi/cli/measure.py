@@ -119,9 +119,8 @@ def run_identify(args: argparse.Namespace, console: Console) -> Answer:
     write_figure(console, args.plot, lambda: avc.figures.draw_identification(identified))
     out: str | None = None
     if identified.device is None:
-        missing = [key for key in ("mass_kg", "damping_ns_per_m") if key not in identified.estimates]
-        missing = missing or ["handle_radius_m"]
-        keys = ", ".join(map(units.key, missing))
+        known = {key for key, estimate in identified.estimates.items() if estimate.identified}
+        keys = ", ".join(units.key(key) for key in ("mass_kg", "damping_ns_per_m") if key not in known)
         complaint = f"avc: no device file: {keys} not identified; log more motion, or state the value by --device BASE"
     elif args.out is not None:
         console.write(args.out, device_text(identified.device))

@@ -23,7 +23,7 @@ from avc_casadi.diagnose.oscillation import Log, Oscillation, find_oscillation, 
 from avc_casadi.diagnose.plant import Hypothesis, IntendedLaw, stable
 from avc_casadi.diagnose.remedies import LoggedScene, Remedy, remedies_of, without
 from avc_casadi.diagnose.words import CAUSES, cause_numbers
-from avc_casadi.identification.log import Columns
+from avc_casadi.identification.log import Columns, allowed_sign, require_radius, require_radius_of
 from avc_casadi.identification.read import Layout, read_columns
 from avc_casadi.model.device import Device
 from avc_casadi.model.problem import Hands, defaults_at
@@ -115,6 +115,8 @@ class Diagnosis:
     verdict: Verdict
     conclusion: str
     """The verdict in words."""
+    flip_force: bool = False
+    """Whether the force along the position was taken as positive."""
     cause: str | None = None
     """Key of `CAUSES`, where the cause is named."""
     candidates: tuple[str, ...] = ()
@@ -202,10 +204,11 @@ def diagnose(  # noqa: PLR0913 - options by name, of a public call
 ) -> Diagnosis:
     """Diagnose one log of time, position and commanded force.
 
-    `device` and `hands` are those of the design, by default those of the `coupling`, else usual ones, and then
-    `handle_radius_m` tells where the hand holds a device that turns. `flip_force` takes the force along the position
-    as positive. `seed` is that of the draws.
+    `device` and `hands` are those of the design, by default those of the `coupling`, else usual ones.
+    `handle_radius_m` is the radius at which the hand holds a device that turns, by default that of the `device`.
+    `flip_force` takes the force along the position as positive. `seed` is that of the draws.
     """
+    require_radius(handle_radius_m)
     columns = log if isinstance(log, Columns) else read_columns(log, layout)
     if coupling is not None:
         device, hands = device or coupling.problem.device, hands or coupling.problem.hands
@@ -227,7 +230,7 @@ def diagnose(  # noqa: PLR0913 - options by name, of a public call
     with progress.step("oscillation and force"):
         swing = find_oscillation(grid, limit)
         law = find_law(grid, swing, limit, design.device.coulomb_friction_n)
-    begun = Diagnosis(grid, swing, law, design, "cannot tell", "", notes=tuple(notes))
+    begun = Diagnosis(grid, swing, law, design, "cannot tell", "", flip_force=flip_force, notes=tuple(notes))
     law_or_verdict = _at_once(begun)
     if isinstance(law_or_verdict, Diagnosis):
         return law_or_verdict
@@ -245,12 +248,13 @@ def _design(
     message = ""
     if device is not None and device.motion != columns.motion:
         message = f"is {columns.motion} by its units; allowed: {device.motion}, as the device"
-    elif device is None and columns.motion == "rotary" and radius_m is None:
-        message = "has the units of a rotary device; give --handle-radius-m (from the axis to the hand), or --device"
     elif not np.ptp(log.position_m) and np.ptp(log.force_n):
         message = "never changes, and the force does; allowed: a device that moves; is the encoder stuck?"
     if message:
         raise InputError.of(message, file=columns.file, key="position")
+    require_radius_of(columns.motion, radius_m, device)
+    if device is not None and radius_m is not None:
+        device = device.model_copy(update={"handle_radius_m": radius_m})
     known = device is not None
     reach = (radius_m or 1.0) if device is None else device.metres_per_unit
     if device is None:
@@ -367,7 +371,7 @@ def _of_sign(diagnosis: Diagnosis, law: FittedLaw, mass: float) -> Diagnosis | N
     low, high = _ABOUT_DEVICE
     alone = diagnosis.design.known and low < abs(mass) / device.mass_kg < high
     if simple and away and not (alone and mass > 0):
-        message = "drives the device away from rest; allowed: a force that is positive along +position, or --flip-force"
+        message = f"drives the device away from rest; allowed: {allowed_sign(flip_force=diagnosis.flip_force)}"
         raise InputError.of(f"{message}; otherwise the loop has a wrong sign", file=log.name, key="force")
     why = "the motor or the encoder is reversed"
     if away:

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from avc_casadi._errors import Fault
+from avc_casadi.files.device_file import DeviceFile
 from avc_casadi.model.device import CURRENT_LOOP_DAMPING_RATIO
-from avc_casadi.model.problem import Problem
+from avc_casadi.model.problem import Impedance, Problem
 from avc_casadi.model.quantity import plain, power_at_handle
 from avc_casadi.model.table import shown
 
@@ -53,6 +54,13 @@ def plausibility(problem: Problem) -> tuple[Fault, ...]:
     of_meaning = [(doubt.key, doubt.message) for doubt in _doubts(problem) if doubt.holds]
     every_doubt = (*doubts, *of_meaning)
     return tuple(Fault(problem.name, None, units.key(key), units.words(message)) for key, message in every_doubt)
+
+
+def device_plausibility(file: DeviceFile) -> tuple[Fault, ...]:
+    """Return the same of the values of a device file."""
+    nothing = Impedance(damping_ns_per_m=0.0, stiffness_n_per_m=0.0)
+    doubts = plausibility(Problem(name=file.name, device=file.device, environment=nothing))
+    return tuple(doubt for doubt in doubts if doubt.key.startswith("device."))
 
 
 def _value_of(problem: Problem, key: str) -> Any:

@@ -17,12 +17,14 @@ from avc_casadi._util.arrays import ComplexArray, FloatArray
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.text import number
 from avc_casadi._util.units import MotionKind, units_for
+from avc_casadi.files.border import in_keys_of
 from avc_casadi.files.device_file import DeviceFile
 from avc_casadi.files.toml import toml_lines
 from avc_casadi.identification.fit import FitTrial
 from avc_casadi.identification.log import Record
 from avc_casadi.identification.response import Response
 from avc_casadi.identification.terms import FRICTION, LOOP_RATIO, MASS_RATIO, QuantityName
+from avc_casadi.model.table import valid
 
 _PARAMETERS = ("mass_kg", "damping_ns_per_m", FRICTION, "delay_samples")
 """Keys of a device file that a guess stands in for where a log does not tell them."""
@@ -76,7 +78,7 @@ class Identification:
 
     `error_m` is the prediction error of all judged samples and `lags` its autocorrelation from lag 1 on; `stretch` is
     time, and position measured and of the model running nearly free, shape (3, samples). `unknown` are keys that the
-    logs do not tell. `device` is None where mass, damping or the radius of the handle are known from nothing.
+    logs do not tell. `device` is None where mass or damping are known from nothing.
     """
 
     sources: tuple[str, ...]
@@ -168,12 +170,10 @@ class _File:
 def device_file(
     result: Identification, base: DeviceFile | None, handle_radius_m: float | None = None
 ) -> DeviceFile | None:
-    """Return the device file, or None where mass, damping or the radius of the handle are known from nothing."""
+    """Return the device file, or None where mass or damping are known from nothing."""
     file = _File({"sample_time_s": result.sample_time_s})
     if result.motion == "rotary":
         radius = handle_radius_m or (None if base is None else base.device.handle_radius_m)
-        if radius is None:
-            return None
         file.device = {"motion": "rotary", "handle_radius_m": radius, **file.device}
     measurement = _measurement(result)
     file.sources["sample_time_s"] = {"grade": "measured", "source": f"{measurement}: time of the log"}
@@ -191,8 +191,9 @@ def device_file(
         return None
     title = base.title if base is not None and base.title else "Device identified from its log"
     device = {**file.device, "range": file.ranges}
-    tables = {"name": "device", "title": title, "device": device, "sources": file.sources, "gaps": gaps}
-    return DeviceFile.model_validate(tables)
+    tables = {"title": title, "device": device, "sources": file.sources, "gaps": gaps}
+    with in_keys_of(units_for(result.motion)):
+        return valid(DeviceFile, tables, result.sources[0], "device")
 
 
 def _measurement(result: Identification) -> str:

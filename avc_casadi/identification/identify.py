@@ -18,7 +18,14 @@ from avc_casadi.files.device_file import DeviceFile
 from avc_casadi.identification.device import Estimate, Identification, check_against, device_file
 from avc_casadi.identification.fit import Partition, bootstrap
 from avc_casadi.identification.ladder import WIDEST, Ladder
-from avc_casadi.identification.log import Record, excerpts, lattice_step
+from avc_casadi.identification.log import (
+    Record,
+    allowed_sign,
+    excerpts,
+    lattice_step,
+    require_radius,
+    require_radius_of,
+)
 from avc_casadi.identification.predictor import Predictor, SteadyObserver
 from avc_casadi.identification.read import Layout, read_logs
 from avc_casadi.identification.regression import Motion, Start, in_ticks, only_feedback, whiteness
@@ -71,6 +78,7 @@ def identify(
     Raises:
         InputError: the logs are not usable, or tell no device.
     """
+    require_radius(handle_radius_m)
     records, notes = _records_of(logs, layout)
     _check(records, base, handle_radius_m)
     if flip_force:
@@ -89,7 +97,7 @@ def identify(
     declared = None if base is None or base.device.resonance is None else base.device.encoder_at
     sides = ("motor", "handle") if declared is None else (declared,)
     with progress.step("first guess"):
-        start = _check_start(Motion(records, offsets).start(), records[0].motion)
+        start = _check_start(Motion(records, offsets).start(), records[0].motion, flip_force=flip_force)
     predictor, structure = Predictor(records), _simplest(records, start, offsets)
     with progress.step("model"):
         ladder = Ladder.climb(predictor, structure, start, sides, progress)
@@ -192,10 +200,9 @@ def _check(records: Sequence[Record], base: DeviceFile | None, handle_radius_m: 
     if seconds < _SHORTEST_LOGS_S:
         message = f"have {number(seconds)} s in all; allowed: at least {_SHORTEST_LOGS_S} s"
         faults.append(Fault("", None, "logs", message))
-    if motions == {"linear"} and handle_radius_m is not None:
-        faults.append(Fault("", None, "handle_radius_m", "applies to logs in rad only; leave it out"))
     if faults:
         raise InputError(faults)
+    require_radius_of(records[0].motion, handle_radius_m, None if base is None else base.device)
     if base is not None:
         check_against(records, base)
 
@@ -228,12 +235,12 @@ def _check_motion(records: Sequence[Record], step_m: float | None) -> None:
     raise InputError.of(message, key="logs")
 
 
-def _check_start(start: Start, motion: MotionKind) -> Start:
+def _check_start(start: Start, motion: MotionKind, *, flip_force: bool) -> Start:
     """Refuse a force of reversed sign, and implausible units."""
     mass = start.values["mass_kg"]
     follows = start.r_squared >= _RIGID_R_SQUARED
     if mass < 0 or (start.against and follows):
-        reason, allowed = "force and position point against each other", "force along +position, or --flip-force"
+        reason, allowed = "force and position point against each other", allowed_sign(flip_force=flip_force)
         if not follows:
             share = number(100 * max(start.r_squared, 0.0), 2)
             reason = f"the motion hardly follows the force ({share} % of it explained)"

@@ -14,10 +14,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
-from avc_casadi._errors import Fault
+from avc_casadi._errors import Fault, InputError
 from avc_casadi._util.arrays import BoolArray, FloatArray, IndexArray
 from avc_casadi._util.text import number
 from avc_casadi._util.units import MotionKind
+from avc_casadi.model.device import Device
+from avc_casadi.model.quantity import RADII_M
 
 _GAP = 1.5
 """Steps of time longer than so many usual ones are gaps, where the clock is even."""
@@ -142,6 +144,38 @@ class Columns:
         where = "" if line is None else f", the first in line {line}"
         note = f"{self.file}: {count} sample{'' if count == 1 else 's'} without a number left out{where}"
         return replace(self.rows(~empty), notes=(*self.notes, note))
+
+
+def require_radius(handle_radius_m: float | None) -> None:
+    """Refuse a radius at which no hand holds a device, before a log is read.
+
+    Raises:
+        InputError: it is not in the range of a device file.
+    """
+    lowest, highest = RADII_M
+    if handle_radius_m is not None and not lowest <= handle_radius_m <= highest:
+        message = f"is {number(handle_radius_m)}; allowed: {lowest:g} to {highest:g} m, from the axis to the hand"
+        raise InputError.of(message, key="handle_radius_m")
+
+
+def allowed_sign(*, flip_force: bool) -> str:
+    """Return which sign of the force is allowed, with the option that reverses it in what it was read."""
+    return f"a force that is positive along +position, or {'without' if flip_force else 'with'} --flip-force"
+
+
+def require_radius_of(motion: MotionKind, handle_radius_m: float | None, device: Device | None) -> None:
+    """Refuse a radius that a log does not take, or one that is missing and that no device states.
+
+    Raises:
+        InputError: the log is linear and has a radius, or it is rotary and has none.
+    """
+    message = ""
+    if motion == "linear" and handle_radius_m is not None:
+        message = "applies to logs in rad only; leave it out"
+    elif motion == "rotary" and handle_radius_m is None and device is None:
+        message = "is missing, and the log is of a rotary device; give it (from the axis to the hand), or --device"
+    if message:
+        raise InputError.of(message, key="handle_radius_m")
 
 
 @dataclass(frozen=True, eq=False)

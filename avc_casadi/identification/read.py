@@ -86,13 +86,20 @@ def pairs_of(texts: Sequence[str], key: str) -> tuple[dict[str, str], list[Fault
     pairs: dict[str, str] = {}
     faults = []
     for part in (part.strip() for text in texts for part in text.split(",") if part.strip()):
-        name, _, value = part.partition("=")
-        name = {"angle": "position", "torque": "force"}.get(name, name)
-        if name not in _QUANTITIES or not value:
-            allowed = ", ".join(f"{quantity}=..." for quantity in _QUANTITIES)
-            faults.append(Fault("", None, key, f"{part!r} is not of the form KEY=VALUE; allowed: {allowed}"))
+        name, _, value = (text.strip() for text in part.partition("="))
+        quantity = {"angle": "position", "torque": "force"}.get(name, name)
+        if quantity in _QUANTITIES and value:
+            fault = f"states {quantity} twice; allowed: once" if quantity in pairs else ""
+            pairs[quantity] = value
+        elif value:
+            near = difflib.get_close_matches(name, (*_QUANTITIES, "angle", "torque"), n=1)
+            hint = f"; did you mean {near[0]}?" if near else ""
+            fault = f"{name!r} is not a quantity of a log; allowed: {', '.join(_QUANTITIES)}, angle, torque{hint}"
         else:
-            pairs[name] = value
+            allowed = ", ".join(f"{quantity}=..." for quantity in _QUANTITIES)
+            fault = f"{part!r} has no value; allowed: {allowed}"
+        if fault:
+            faults.append(Fault("", None, key, fault))
     return pairs, faults
 
 

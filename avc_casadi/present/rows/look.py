@@ -11,6 +11,7 @@ from avc_casadi._util.json_values import plain
 from avc_casadi._util.units import LINEAR, RADII
 from avc_casadi.files.catalogue import CatalogueEntry
 from avc_casadi.files.device_file import DeviceFile
+from avc_casadi.files.plausibility import device_plausibility
 from avc_casadi.files.problem_file import problem_document
 from avc_casadi.loops.engine import ToolLoops
 from avc_casadi.loops.wall import passive_limit_n_per_m
@@ -251,10 +252,17 @@ def device(file: DeviceFile, shown: str) -> Answer:
     """Return the answer of `check` of a device file: a value each with its range and source."""
     units = file.device.units
     values = file.device.model_dump(mode="json", exclude_unset=True)
-    document = {"valid": True, **file.model_dump(mode="json", exclude_none=True), "device": values}
+    doubts = [Doubt(fault.key, fault.message) for fault in device_plausibility(file)]
+    document = {
+        "valid": True,
+        **file.model_dump(mode="json", exclude_none=True),
+        "device": values,
+        "warnings": plain(doubts),
+    }
     ranges = values.get("range", {})
     stated = {key: value for key, value in values.items() if key != "range"}
     rows = [row("Valid", file.title or "yes", mark=Mark.PASS)]
+    rows += subject.notes((doubt.text for doubt in doubts), "Warning")
     for key, value in stated.items():
         ends = ranges.get(key)
         between = ("(", _value(key, ends[0]), "to", _value(key, ends[1]), ")") if isinstance(ends, list) else None

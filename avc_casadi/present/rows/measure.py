@@ -15,6 +15,7 @@ from avc_casadi.diagnose.fit import PlantFit
 from avc_casadi.diagnose.law import FittedLaw
 from avc_casadi.diagnose.oscillation import Log, Oscillation
 from avc_casadi.diagnose.remedies import Remedy
+from avc_casadi.files.plausibility import device_plausibility
 from avc_casadi.identification.device import Estimate, Identification
 from avc_casadi.identification.excitation import Excitation, ExcitationFigures
 from avc_casadi.identification.fit import FitTrial
@@ -22,6 +23,7 @@ from avc_casadi.model.hands import Hand
 from avc_casadi.present import words
 from avc_casadi.present.row import Answer, Mark, Part, Parts, Row, Value, commas, grade, parts, row
 from avc_casadi.present.rows import subject
+from avc_casadi.present.rows.look import Doubt
 
 
 @dataclass(frozen=True)
@@ -143,10 +145,17 @@ def identification(result: Identification, units: Units, logs: Sequence[str], ou
     ]
     rows.append(row("Model", ", ".join(result.rungs)))
     rows += subject.notes(result.notes, mark=Mark.CAUTION)
+    doubts = (
+        []
+        if result.device is None
+        else [Doubt(fault.key, fault.message) for fault in device_plausibility(result.device)]
+    )
+    rows += subject.notes((doubt.text for doubt in doubts), "Warning")
     rows.append(row("Not known", ", ".join(map(units.key, result.unknown)), rank=1))
     rows += map(_rung, result.trials)
     onwards = (f"avc check {quote(out)}",) if out else ()
-    return Answer("identify", result.data() | {"out": out}, title, tuple(rows), onwards, units)
+    document = result.data() | {"warnings": plain(doubts), "out": out}
+    return Answer("identify", document, title, tuple(rows), onwards, units)
 
 
 def _estimate(label: str, estimate: Estimate, rank: int) -> Row:

@@ -1,0 +1,118 @@
+"""An option is checked before anything is computed, and its fault names the option with what is allowed."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from avc_casadi.cli import main
+
+
+@pytest.fixture(autouse=True)
+def _folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+def log_file(header, seconds=2.0):
+    """Write a log of a mass of 0.1 under a force that drives it, in the units of the header."""
+    time = np.arange(int(1000 * seconds)) * 1e-3
+    force = np.sin(2 * math.pi * 3 * time)
+    position = -force / (0.1 * (2 * math.pi * 3) ** 2)
+    table = np.column_stack([time, position, force])
+    np.savetxt("log.csv", table, delimiter=",", header=header, comments="", fmt="%.9g")
+
+
+LINEAR_LOG = "time_s,position_m,force_N"
+ROTARY_LOG = "time_s,angle_rad,torque_Nm"
+
+
+def refused(capsys, *arguments):
+    """Return the fault of a command that is refused."""
+    assert main([*arguments, "--json"]) == 2
+    (fault,) = json.loads(capsys.readouterr().out)["errors"]
+    return fault
+
+
+@pytest.fixture
+def _nothing_is_computed(monkeypatch):
+    def computed(*_, **__):
+        raise AssertionError("computed before the option was checked")
+
+    monkeypatch.setattr("avc_casadi.identification.identify.in_ticks", computed)
+    monkeypatch.setattr("avc_casadi.diagnose.causes.find_oscillation", computed)
+
+
+@pytest.mark.usefixtures("_nothing_is_computed")
+@pytest.mark.parametrize("verb", ["identify", "diagnose"])
+@pytest.mark.parametrize(
+    ("header", "radius", "words"),
+    [
+        (ROTARY_LOG, ("--handle-radius-m", "50"), "0.002 to 10 m"),
+        (ROTARY_LOG, ("--handle-radius-m", "0.001"), "0.002 to 10 m"),
+        (ROTARY_LOG, (), "is missing"),
+        (LINEAR_LOG, ("--handle-radius-m", "3"), "leave it out"),
+    ],
+)
+def test_the_radius_of_the_handle_is_checked_first_and_goes_with_the_motion_of_the_log(
+    verb, header, radius, words, capsys
+):
+    log_file(header)
+    fault = refused(capsys, verb, "log.csv", *radius)
+    assert fault["key"] == "--handle-radius-m"
+    assert words in fault["message"]
+
+
+@pytest.mark.parametrize(
+    ("pair", "words"),
+    [
+        ("tme=1", "'tme' is not a quantity of a log; allowed: time, position, force"),
+        ("speed=1", "'speed' is not a quantity"),
+        ("time", "'time' has no value"),
+        ("force=3,torque=2", "states force twice"),
+    ],
+)
+def test_a_wrong_column_is_named_with_the_quantities_of_a_log(pair, words, capsys):
+    fault = refused(capsys, "identify", "log.csv", "--columns", pair)
+    assert fault["key"] == "--columns"
+    assert words in fault["message"]
+
+
+def moved_mass(time):
+    """Return the position of a mass of 0.1, and the force of tones that moves it."""
+    omega = 2 * math.pi * np.array([2.0, 3.5, 5.5, 9.0, 14.0, 23.0])[:, None]
+    tones = np.sin(omega * time + np.arange(6.0)[:, None])
+    return (-tones / (0.1 * omega**2)).sum(0), tones.sum(0)
+
+
+def pushed_away(time):
+    """Return a position that grows, in encoder steps, and the force of a spring that drives it away from rest."""
+    step_m = 2e-5
+    position = step_m * np.round(np.exp(time) * 1e-3 * np.sin(2 * math.pi * 5 * time) / step_m)
+    return position, 500.0 * position
+
+
+@pytest.mark.parametrize(("verb", "motion", "sign"), [("identify", moved_mass, -1.0), ("diagnose", pushed_away, 1.0)])
+def test_a_force_of_reversed_sign_leads_to_the_other_use_of_flip_force(verb, motion, sign, capsys):
+    time = np.arange(3000) * 1e-3
+    position, force = motion(time)
+    for towards, flip, advice in ((1.0, (), "with --flip-force"), (-1.0, ("--flip-force",), "without --flip-force")):
+        table = np.column_stack([time, position, towards * sign * force])
+        np.savetxt("log.csv", table, delimiter=",", header=LINEAR_LOG, comments="", fmt="%.9g")
+        assert advice in refused(capsys, verb, "log.csv", *flip)["message"]
+
+
+@pytest.mark.slow
+def test_an_unusual_device_is_identified_with_the_warnings_of_its_file(capsys):
+    time = np.arange(3000) * 1e-3
+    position, force = moved_mass(time)
+    for scale, warned in ((1.0, False), (1e-3, True)):  # of positions in m, and in m that are called mm
+        step_m = 2e-6 * scale
+        steps = np.round(position * scale / step_m)
+        table = np.column_stack([time, step_m * steps, force])
+        np.savetxt("log.csv", table, delimiter=",", header=LINEAR_LOG, comments="")
+        assert main(["identify", "log.csv", "--device", "reference-r1", "--out", "mine.toml", "--json"]) == 0
+        warnings = json.loads(capsys.readouterr().out)["warnings"]
+        assert ("device.mass_kg" in {warning["key"] for warning in warnings}) is warned
+        assert main(["check", "mine.toml", "--json"]) == 0
+        assert json.loads(capsys.readouterr().out)["warnings"] == warnings
