@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from shlex import quote
 from tempfile import TemporaryFile
@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import avc_casadi as avc
 from avc_casadi._util.units import LINEAR, ROTARY
+from avc_casadi.files.kinds import FileKind
 
 if TYPE_CHECKING:
     from avc_casadi._util.units import Units
@@ -50,13 +51,16 @@ def flag(name: str, text: str) -> Argument:
     return argument(name, action="store_true", text=text)
 
 
-def output(name: str, text: str, *endings: str) -> Argument:
-    """Return an option that names a file to write, which is checked before the long work."""
+def output(name: str, text: str, kinds: Mapping[str, tuple[FileKind, ...]]) -> Argument:
+    """Return an option that names a file to write, which is checked before the long work.
+
+    `kinds` has the kinds of files that it writes, by the ending: it writes over no other file.
+    """
 
     def path_of(typed: str) -> Path:
         path, fault = Path(typed), ""
-        if path.suffix.lower() not in endings:
-            fault = f" ends in {path.suffix!r}; allowed: {', '.join(endings)}"
+        if path.suffix.lower() not in kinds:
+            fault = f" ends in {path.suffix!r}; allowed: {', '.join(kinds)}"
         elif path.is_dir():
             fault = " is a folder; give a file name"
         elif not path.parent.is_dir():
@@ -68,6 +72,11 @@ def output(name: str, text: str, *endings: str) -> Argument:
                 TemporaryFile(dir=path.parent).close()
             except OSError as error:
                 fault = f" cannot be written ({error.strerror or error}); choose another folder"
+            else:
+                fault = _foreign(path, kinds[path.suffix.lower()])
+                description = path.with_suffix(".json")
+                if path.suffix == ".npz" and not fault and _foreign(description, (FileKind.JSON,)):
+                    fault = f" is described in {description.name!r}, which{_foreign(description, (FileKind.JSON,))}"
         if fault:
             raise argparse.ArgumentTypeError(f"{typed!r}{fault}")
         return path
@@ -75,9 +84,21 @@ def output(name: str, text: str, *endings: str) -> Argument:
     return argument(name, metavar="FILE", type=path_of, text=text)
 
 
+def _foreign(path: Path, kinds: tuple[FileKind, ...]) -> str:
+    """Return why a file is not written over; empty where it does not exist, is empty, or is of these kinds."""
+    from avc_casadi.files.problem_file import kind_of_file
+
+    if not path.is_file() or not path.stat().st_size:
+        return ""
+    kind = kind_of_file(path)
+    allowed = " or ".join(replaced.value for replaced in kinds)
+    return "" if kind in kinds else f" exists and is {kind.value}; it replaces {allowed} only; choose another name"
+
+
 def plot(subject: str) -> Argument:
     """Return --plot."""
-    return output("--plot", f"draw {subject} to a .png, .svg or .pdf file", ".png", ".svg", ".pdf")
+    pictures = dict.fromkeys((".png", ".svg", ".pdf"), (FileKind.PICTURE,))
+    return output("--plot", f"draw {subject} to a .png, .svg or .pdf file", pictures)
 
 
 def positive(text: str) -> float:

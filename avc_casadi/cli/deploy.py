@@ -17,6 +17,7 @@ from avc_casadi._util.json_values import plain
 from avc_casadi._util.units import units_for
 from avc_casadi.cli import arguments as cli
 from avc_casadi.cli.console import Console, output_folder
+from avc_casadi.files.kinds import FileKind
 from avc_casadi.present import rows
 from avc_casadi.present.row import Answer, Mark, Part, Row, Value, commas, row, text_of
 
@@ -300,7 +301,7 @@ _HEARTBEAT = "send a heartbeat; the force ends if none arrives for S seconds (de
         metavar="S",
         text=_HEARTBEAT,
     ),
-    cli.output("--out", "log every record to this .csv file", ".csv"),
+    cli.output("--out", "log every record to this .csv file", {".csv": (FileKind.LOG,)}),
     cli.MOTION,
 )
 def run_monitor(args: argparse.Namespace, console: Console) -> Answer:

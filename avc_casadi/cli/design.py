@@ -16,6 +16,7 @@ from avc_casadi._util.json_values import json_text
 from avc_casadi.cli import arguments as cli
 from avc_casadi.cli.console import Console, output_folder, package_versions, write_figure
 from avc_casadi.design.registry import methods_help
+from avc_casadi.files.kinds import FileKind
 from avc_casadi.files.new_options import DAMPING, EVERY, HANDS, HOLDS, MASS, RADIUS
 from avc_casadi.present import rows
 from avc_casadi.present.row import Answer, Mark, Row
@@ -50,7 +51,7 @@ _HELD = f"choose the grip: {', '.join(HOLDS)} (default: grip)"
 
 
 @cli.verb(
-    cli.output("file", "problem file to write (.toml)", ".toml"),
+    cli.output("file", "problem file to write (.toml)", {".toml": tuple(FileKind)}),  # --force decides
     cli.argument("--drive", choices=("force", "velocity"), default="force", metavar="WHAT", text=_DRIVE),
     cli.argument("--like", metavar="D", text="begin with a built-in device (avc list) or a device file"),
     cli.argument("--held", choices=tuple(HOLDS), default="grip", metavar="HOW", text=_HELD),
@@ -204,8 +205,7 @@ def _at_tip(new: NewProblem, model: str | None, tip: str | None) -> NewProblem:
     cli.output(
         "--out",
         "write the coupling to this .json file; for an admittance device, the problem file with its law, .toml",
-        ".json",
-        ".toml",
+        {".json": (FileKind.COUPLING,), ".toml": (FileKind.PROBLEM,)},
     ),
     cli.flag("--stiffest", _STIFFEST),
     cli.flag("--lean-on-friction", "accept couplings that need the declared dry friction to settle"),
@@ -253,7 +253,11 @@ def _is_pair(problem: avc.Problem) -> bool:
     cli.argument("--solver", metavar="NAME", text=_SOLVER),
     cli.argument("--tolerance", type=float, metavar="TOL", text="set the tolerance of the solver"),
     cli.flag("--as-printed", "use the closed form with the paper's errors; -v lists them"),
-    cli.output("--out", "write everything (.json), or only the table of gains (.csv)", ".json", ".csv"),
+    cli.output(
+        "--out",
+        "write everything (.json), or only the table of gains (.csv)",
+        {".json": (FileKind.COUPLING, FileKind.SOLUTION), ".csv": (FileKind.COUPLING,)},
+    ),
     cli.VERBOSE,
 )
 def run_solve(args: argparse.Namespace, console: Console) -> Answer:

@@ -8,6 +8,7 @@ from shlex import quote
 import avc_casadi as avc
 from avc_casadi.cli import arguments as cli
 from avc_casadi.cli.console import Console
+from avc_casadi.files.kinds import FileKind
 from avc_casadi.present import rows
 from avc_casadi.present.row import Answer
 
@@ -84,7 +85,9 @@ def run_certify(args: argparse.Namespace, console: Console) -> Answer:
     cli.argument("--gains", metavar="GAINS", text="use this coupling or table instead of the scene's coupling"),
     cli.argument("--against", metavar="C1,C2", text="compare with up to 3: none (no coupling), or names of methods"),
     cli.argument("--seed", type=int, default=0, metavar="S", text="set the seed of random noise (default: 0)"),
-    cli.output("--trace", "write all signals to this .npz file, with a .json description", ".npz"),
+    cli.output(
+        "--trace", "write all signals to this .npz file, with a .json description", {".npz": (FileKind.ARRAYS,)}
+    ),
     cli.plot("the motion"),
     cli.VERBOSE,
 )

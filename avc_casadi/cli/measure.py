@@ -14,6 +14,7 @@ from avc_casadi._util.text import number
 from avc_casadi._util.units import units_for
 from avc_casadi.cli import arguments as cli
 from avc_casadi.cli.console import Console, write_figure
+from avc_casadi.files.kinds import FileKind
 from avc_casadi.present import rows
 from avc_casadi.present.row import Answer
 
@@ -37,7 +38,7 @@ _DECLARED = "compare the log with this device file, or with a problem file and i
     *cli.turning("force_n", "N", "limit the force in N (default: half of the device's)"),
     *cli.turning("speed_m_per_s", "V", "limit the speed in m/s (default: 0.3)"),
     *cli.turning("travel_m", "X", "limit the travel to either side in m (default: 0.02)"),
-    cli.output("--out", "write the log to this .csv file", ".csv"),
+    cli.output("--out", "write the log to this .csv file", {".csv": (FileKind.LOG,)}),
     cli.flag("--plan-only", "print the plan without moving the device"),
     cli.argument("--on-bench", metavar="DEVICE", text=_ON_BENCH),
     cli.BAUD,
@@ -99,7 +100,7 @@ def _excitation_fault(log: avc_hardware.ExcitationLog, stroke_m: float, encoder_
 
 @cli.verb(
     *cli.LOGS,
-    cli.output("--out", "write the device to this .toml file", ".toml"),
+    cli.output("--out", "write the device to this .toml file", {".toml": (FileKind.DEVICE,)}),
     cli.argument("--device", metavar="BASE", text=_BASE),
     cli.plot("log and model"),
     cli.VERBOSE,

@@ -22,7 +22,7 @@ from avc_casadi.files.catalogue import (
     require_source,
 )
 from avc_casadi.files.device_file import DeviceFile, with_device
-from avc_casadi.files.kinds import require_problem_text
+from avc_casadi.files.kinds import FileKind, kind_of_bytes, require_problem_text
 from avc_casadi.files.toml import KeyLines, tables_of, text_of, toml_lines
 from avc_casadi.model.ends import Wall
 from avc_casadi.model.joint import NoDevice
@@ -37,6 +37,8 @@ _LONGEST_BANDED_S = 0.25
 _TABLES_OF_A_JOINT = ("name", "title", "source", "simulation", "law")
 """What a file of a joint without a device states."""
 
+_TELLING_BYTES = 2**20
+"""Bytes at the beginning of a file that show its kind."""
 _NO_WALL = "; your own gains need no wall: state them in a table [law]"
 """Advice where a problem has no wall."""
 
@@ -76,6 +78,13 @@ def is_device(source: str) -> bool:
         return False
     is_table = isinstance(tables.get("device"), dict)
     return is_table and set(tables) <= set(DeviceFile.model_fields) and not states_drive(tables)
+
+
+def kind_of_file(path: Path) -> FileKind:
+    """Return the kind of an existing file."""
+    with path.open("rb") as file:
+        kind = kind_of_bytes(file.read(_TELLING_BYTES))
+    return FileKind.DEVICE if kind is FileKind.PROBLEM and is_device(str(path)) else kind
 
 
 F = TypeVar("F", bound=Callable[..., Any])

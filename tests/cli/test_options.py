@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from avc_casadi.cli import main
+from avc_casadi.cli import build_parser, main
 
 
 @pytest.fixture(autouse=True)
@@ -116,3 +116,46 @@ def test_an_unusual_device_is_identified_with_the_warnings_of_its_file(capsys):
         assert ("device.mass_kg" in {warning["key"] for warning in warnings}) is warned
         assert main(["check", "mine.toml", "--json"]) == 0
         assert json.loads(capsys.readouterr().out)["warnings"] == warnings
+
+
+DEVICE_FILE = "gaps = []\n[device]\nmass_kg = 0.1\ndamping_ns_per_m = 1.0\n"
+PROBLEM_FILE = (
+    f"{DEVICE_FILE.removeprefix('gaps = []')}[environment]\nstiffness_n_per_m = 300.0\ndamping_ns_per_m = 1.0\n"
+)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "file", "kept", "replaced"),
+    [
+        (("identify", "log.csv", "--out"), "mine.toml", PROBLEM_FILE, DEVICE_FILE),
+        (("recommend", "figure5", "--out"), "mine.toml", DEVICE_FILE, PROBLEM_FILE),
+        (("recommend", "figure5", "--out"), "mine.json", '{"name": "package"}', '{"schema": "avc-coupling/1"}'),
+        (("solve", "figure5", "--out"), "mine.json", '{"name": "package"}', '{"schema": "avc-gains/1"}'),
+        (("solve", "figure5", "--out"), "mine.csv", "time_s,position_m\n0,1\n", "frequency_hz,k,b\n1,1,1\n"),
+        (("excite", "figure5", "--out"), "mine.csv", "frequency_hz,k,b\n1,1,1\n", "# of avc\ntick,time_ms\n0,1\n"),
+        (("monitor", "--port", "emulator", "--out"), "mine.csv", "notes, of mine = yes", "# of avc\ntick,f\n0,1\n"),
+        (("simulate", "figure5", "--plot"), "mine.png", "notes", "\x89PNG"),
+        (("simulate", "figure5", "--plot"), "mine.svg", "notes", '<?xml version="1.0"?>\n<svg>'),
+        (("simulate", "figure5", "--trace"), "mine.npz", "notes", "PK"),
+    ],
+    ids=lambda value: value if isinstance(value, str) and value.startswith("mine") else "",
+)
+def test_a_file_is_written_over_where_it_is_of_the_kind_that_the_option_writes(
+    arguments, file, kept, replaced, tmp_path, capsys
+):
+    path = tmp_path / file
+    path.write_text(kept, encoding="latin-1")
+    fault = refused(capsys, *arguments, file)
+    assert fault["key"] == arguments[-1]
+    assert "choose another name" in fault["message"]
+    assert path.read_text(encoding="latin-1") == kept
+    for accepted in (replaced, ""):
+        path.write_text(accepted, encoding="latin-1")
+        assert build_parser().parse_args([*arguments, file])
+
+
+def test_traces_leave_a_coupling_of_their_name(tmp_path, capsys):
+    (tmp_path / "mine.json").write_text('{"schema": "avc-coupling/1"}')
+    fault = refused(capsys, "simulate", "figure5", "--trace", "mine.npz")
+    assert fault["key"] == "--trace"
+    assert "'mine.json'" in fault["message"]
