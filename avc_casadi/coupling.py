@@ -81,6 +81,7 @@ class Coupling:
         lacks: facts missing from an older file, a sentence each.
         end_type: kind of `end`, what it leads to: a problem with a follower may have couplings to its wall too. The
             row of one to another end is B, K and the damper of each local loop.
+        edited: whether its file was changed after avc wrote it; what it declares is judged as it stands.
 
     Example:
         >>> problem = avc.load_problem("soft")
@@ -98,6 +99,7 @@ class Coupling:
     versions: Mapping[str, str] = field(default_factory=dict, repr=False)
     lacks: tuple[str, ...] = ()
     end_type: type[End] = Wall
+    edited: bool = False
 
     @classmethod
     def from_schedule(

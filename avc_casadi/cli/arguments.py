@@ -236,7 +236,7 @@ def subject(source: str, gains: str | None) -> tuple[avc.Problem, Coupling | Non
         if gains is not None:
             raise avc.InputError.of("is a second coupling; give a problem with it, or leave it out", file=gains)
         coupling = avc.read_coupling(source)
-        return coupling.problem, coupling, []
+        return coupling.problem, coupling, _notes_on(coupling)
     problem = avc.load_problem(source)
     if gains is None:
         return problem, None, []
@@ -248,15 +248,19 @@ def subject(source: str, gains: str | None) -> tuple[avc.Problem, Coupling | Non
     if not isinstance(read, Coupling):
         return problem, coupling_beside(problem, read, gains), []
     if same_problem(problem, read.problem):
-        return problem, read, []
+        return problem, read, _notes_on(read)
     here, made_for = problem.model_dump(), read.problem.model_dump()
     tables = [key for key in here if isinstance(here[key], dict) and here[key] != made_for[key]]
     differ = ", ".join(f"[{key}]" for key in tables)
-    return (
-        problem,
-        read.for_problem(problem),
-        [f"the coupling was designed for {read.problem.name}, with a different {differ}"],
-    )
+    designed_for = f"the coupling was designed for {read.problem.name}, with a different {differ}"
+    return problem, read.for_problem(problem), [designed_for, *_notes_on(read)]
+
+
+def _notes_on(coupling: Coupling) -> list[str]:
+    """Return the note on a coupling whose file was changed after it was written."""
+    from avc_casadi.present.rows.subject import EDITED
+
+    return [EDITED] if coupling.edited else []
 
 
 def _kinds_of_end(problem: avc.Problem) -> tuple[str, ...]:

@@ -76,7 +76,7 @@ def run_export(args: argparse.Namespace, console: Console) -> Answer:
         return rows.engines.parameters(coupling, args.parameters, args.gains, "" if stable else sentence)
     judged = ends.judged(coupling.end, coupling, unsafe=args.unsafe)
     paths = _export(coupling, args, console)
-    exported = rows.deploy.Exported(args.precision, paths, judged.unsafe, judged.deployment)
+    exported = rows.deploy.Exported(args.precision, paths, judged.unsafe, judged.judged_for, judged.deployment)
     return rows.deploy.export(exported, coupling, args.gains)
 
 
@@ -88,7 +88,9 @@ def _law_exported(args: argparse.Namespace, console: Console) -> Answer:
     problem = avc.load_problem(args.gains)
     paths = _export(problem, args, console)
     subject = law_subject(problem, unsafe=args.unsafe)
-    exported = rows.deploy.ExportedLaw(args.precision, paths, subject.id, subject.passed, subject.sentence)
+    exported = rows.deploy.ExportedLaw(
+        args.precision, paths, subject.id, subject.passed, subject.sentence, subject.judged_for
+    )
     return rows.deploy.export_law(exported, problem, args.gains)
 
 

@@ -266,10 +266,9 @@ def run_solve(args: argparse.Namespace, console: Console) -> Answer:
     One row of the answer says whether the gains are deployable.
     Exit code 1 if a frequency has no gains.
     """
-    from avc_casadi.cli.ends import coupling_text
     from avc_casadi.coupling import Coupling
     from avc_casadi.design.solution import SolvedGains
-    from avc_casadi.files.coupling_file import gain_csv
+    from avc_casadi.files.coupling_file import coupling_text, gain_csv
 
     method = args.method or ("closed-form" if args.as_printed else "direct")
     problem = avc.load_problem(args.problem)
@@ -328,7 +327,7 @@ def run_run(args: argparse.Namespace, console: Console) -> Answer:
     If no coupling is recommended, coupling.json is missing, also with --unsafe: then add --method.
     This verb is for walls; for a [simulation] or [follower] use `avc recommend`.
     """
-    from avc_casadi.cli.ends import coupling_text
+    from avc_casadi.files.coupling_file import coupling_text
     from avc_casadi.files.problem_file import require_device
 
     with console.step(args.problem):

@@ -20,6 +20,7 @@ from avc_casadi._util.progress import Stages
 from avc_casadi.claims.certify import proof_files
 from avc_casadi.claims.deployable import require_deployable
 from avc_casadi.claims.joint import certify_joint
+from avc_casadi.claims.judged_for import JudgedFor
 from avc_casadi.claims.law_analysis import SpringDamper
 from avc_casadi.claims.law_region import law_region
 from avc_casadi.claims.own_law import valid_law
@@ -32,7 +33,7 @@ from avc_casadi.design.pair_certificate import certify_pair
 from avc_casadi.design.scene_coupling import SimulatedPair, SimulatedScene, law_scene, scene_coupling, scene_notes
 from avc_casadi.design.tool_region import tool_region
 from avc_casadi.design.virtual_tool import search_of
-from avc_casadi.files.coupling_file import coupling_document
+from avc_casadi.files.coupling_file import coupling_text
 from avc_casadi.files.problem_file import require_device
 from avc_casadi.model.declared import with_gains
 from avc_casadi.model.ends import End, Simulation, ToolGains, Wall
@@ -50,9 +51,10 @@ _OF_DEVICES = "is an option of devices, and P is a joint that an engine moves; l
 
 @dataclass(frozen=True)
 class DeploymentNote:
-    """Whether a coupling is exported by request alone, and why; with the verdict of one to a wall."""
+    """Whether a coupling is exported by request alone, and why; what it is judged for; the verdict of one to a wall."""
 
     unsafe: str
+    judged_for: JudgedFor
     deployment: Deployment | None = None
 
 
@@ -60,13 +62,14 @@ class DeploymentNote:
 def judged(end: End, coupling: Coupling, *, unsafe: bool) -> DeploymentNote:  # noqa: ARG001
     """Return the verdict on a coupling to an end that is exported; raise where it may not be."""
     _, stable = pair_verdict(coupling, unsafe=unsafe)
-    return DeploymentNote("" if stable else "UNSAFE, went on by request: a loop is linearly unstable")
+    note = "" if stable else "UNSAFE, went on by request: a loop is linearly unstable"
+    return DeploymentNote(note, JudgedFor.of_coupling(coupling))
 
 
 @judged.register
 def _judged_at_wall(end: Wall, coupling: Coupling, *, unsafe: bool) -> DeploymentNote:  # noqa: ARG001
     deploys = deployment(coupling, unsafe=unsafe)
-    return DeploymentNote(deploys.unsafe, deploys)
+    return DeploymentNote(deploys.unsafe, deploys.judged_for, deploys)
 
 
 def deployment(coupling: Coupling, *, unsafe: bool) -> Deployment:
@@ -74,7 +77,7 @@ def deployment(coupling: Coupling, *, unsafe: bool) -> Deployment:
     verdict = require_deployable(coupling, unsafe=unsafe)
     note = "" if verdict.passed else f"UNSAFE, went on by request: {verdict.sentence}"
     holes = rows.answers.holes(coupling.schedule) or None
-    return Deployment(coupling.id, verdict, note, coupling.lacks, holes)
+    return Deployment(coupling.id, verdict, note, coupling.lacks, holes, JudgedFor.of_coupling(coupling))
 
 
 @dataclass(frozen=True)
@@ -199,11 +202,6 @@ def _recommended_of_joint(end: Joint, problem: avc.Problem, args: argparse.Names
     frequency_hz = None if args.frequency is None else hertz(args.frequency, "frequency")
     with console.step("kp and kd of the joint"):
         return rows.joint.recommendation(avc.recommend_joint(problem, frequency_hz), args.problem)
-
-
-def coupling_text(coupling: Coupling, **further: Any) -> str:
-    """Return the text of a coupling file, with what else stands in it."""
-    return json_text(further | coupling_document(coupling), coupling.units)
 
 
 def _pair_certified(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import hashlib
 import io
 import json
 from collections.abc import Iterator, Mapping
@@ -300,7 +301,48 @@ def write_coupling(coupling: Coupling, path: str | Path) -> None:
     """
     if not isinstance(coupling, Coupling):
         require_coupling(coupling)
-    write_file(path, json_text(coupling_document(coupling), coupling.units))
+    write_file(path, coupling_text(coupling))
+
+
+def coupling_text(coupling: Coupling, **further: Any) -> str:
+    """Return the text of a coupling file, with what else stands in it, and the digest of all."""
+    document = further | coupling_document(coupling)
+    return json_text(document | {_DIGEST: _digest(json_text(document, coupling.units))}, coupling.units)
+
+
+_DIGEST = "digest"
+"""Key of the digest of a coupling file."""
+_DIGEST_DIGITS = 16
+"""Hexadecimal digits of a digest."""
+
+
+def _digest(text: str) -> str:
+    """Return the digest of all values of a JSON text but its own, whatever their order, their spaces and spelling.
+
+    It finds edits by hand; it does not prove who wrote a file.
+    """
+
+    def number(digits: str) -> float:
+        return float(digits) + 0.0  # 1, 1.0 and 1e0 are one number, and a zero has no sign
+
+    values = json.loads(text, parse_int=number, parse_float=number)
+    values.pop(_DIGEST, None)
+    return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()[:_DIGEST_DIGITS]
+
+
+def _without_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Return a table of JSON, or refuse one in which a key stands twice: a reader would take one of the two."""
+    table = dict(pairs)
+    if len(table) < len(pairs):
+        keys = [key for key, _ in pairs]
+        twice = next(key for key in table if keys.count(key) > 1)
+        raise InputError.of("stands twice in the same table; allowed: once", key=twice)
+    return table
+
+
+def _edited(text: str, digest: object) -> bool:
+    """Return whether a file was changed after avc wrote it; files of earlier releases have no digest to compare."""
+    return digest is not None and digest != _digest(text)
 
 
 def read_file(path: str | Path) -> Coupling | GainTable:
@@ -312,7 +354,10 @@ def read_file(path: str | Path) -> Coupling | GainTable:
     text = read_text(path, MOST_BYTES, NEXT_STEP)
     require_coupling_text(text, file)
     try:
-        document = json.loads(text)
+        document = json.loads(text, object_pairs_hook=_without_duplicates)
+        edited = isinstance(document, dict) and _edited(text, document.pop(_DIGEST, None))
+    except InputError as error:
+        raise InputError([replace(fault, file=file) for fault in error.faults]) from error
     except (ValueError, RecursionError) as error:  # ValueError: also an integer of more digits than Python reads
         line = getattr(error, "lineno", None)
         raise InputError([Fault(file, line, "", f"is not JSON ({error}); {NEXT_STEP}")]) from error
@@ -335,6 +380,7 @@ def read_file(path: str | Path) -> Coupling | GainTable:
             certificate=None if valid.certificate is None else RecordedCertificate(valid.certificate),
             trial=None if valid.trial is None else RecordedTrial(valid.trial),
             versions=valid.versions,
+            edited=edited,
         )
 
 

@@ -13,7 +13,7 @@ from urllib.parse import urlsplit
 
 from avc_casadi._errors import AvcError, Fault, InputError, fault_document
 from avc_casadi._util.json_values import json_text
-from avc_casadi.files.coupling_file import coupling_document
+from avc_casadi.files.coupling_file import coupling_text
 from avc_casadi.present.explore import admittance as _admittance  # noqa: F401 - registers its functions
 from avc_casadi.present.explore.ends import Extent, file_of, headline_of, page_answer, saved_coupling
 from avc_casadi.present.explore.explorer import Explorer
@@ -140,8 +140,7 @@ def file(explorer: Explorer, question: Mapping[str, Any]) -> dict[str, Any]:
     if kind != "coupling":
         raise RequestError(400, "kind is problem or coupling")
     coupling, verdict = saved_coupling(problem.end, explorer, settings, problem)
-    text = json_text(coupling_document(coupling), problem.units)
-    return {"name": f"{stem}-coupling.json", "text": text, "note": verdict}
+    return {"name": f"{stem}-coupling.json", "text": coupling_text(coupling), "note": verdict}
 
 
 PARTS = {part.__name__: part for part in (start, evaluate, run, file)}

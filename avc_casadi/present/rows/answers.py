@@ -18,6 +18,7 @@ from avc_casadi.claims.deployable import (
 from avc_casadi.claims.engine_port import PortPassivity
 from avc_casadi.claims.force_feedback import ForceFeedbackCertificate
 from avc_casadi.claims.joint import JointCertificate
+from avc_casadi.claims.judged_for import JudgedFor
 from avc_casadi.claims.level_claims import LevelFinding, LevelName, WhyNotJudged
 from avc_casadi.claims.mass_width import MassWidth
 from avc_casadi.claims.own_law import LawCertificate
@@ -83,6 +84,7 @@ clauses.register(PairFault, level_words.pair_fault_clauses)
 clauses.register(PortPassivity, level_words.port_clauses)
 clauses.register(Deployable, claim_words.verdict_clauses)
 clauses.register(DeployClaim, claim_words.claim_clauses)
+clauses.register(JudgedFor, claim_words.judged_for_clauses)
 clauses.register(ClaimRemedy, claim_words.remedy_clauses)
 clauses.register(DetentRemedy, claim_words.detent_remedy_clauses)
 answer_of.register(AdmittanceCertificate, admittance.certificate)

@@ -17,6 +17,7 @@ from avc_casadi.claims.deployable import (
     NotJudgedClaim,
     StabilityClaim,
 )
+from avc_casadi.claims.judged_for import JudgedFor
 from avc_casadi.loops.plant_family import DRAWS
 from avc_casadi.model.corners import linear_values
 from avc_casadi.model.hands import hand_text
@@ -61,6 +62,16 @@ def verdict_clauses(verdict: Deployable, units: Units) -> tuple[str, ...]:  # no
         return ("deployable: linearly stable with every hand of [hands] and released",)
     first, *more = (claim.sentence for claim in verdict.failed)
     return f"not deployable: {first}", *more
+
+
+def judged_for_clauses(judged_for: JudgedFor, units: Units) -> tuple[str, ...]:
+    """Return which hands and which margin a verdict is for, in the units of the device."""
+    hands = judged_for.hands
+    ranges = ((hands.mass_kg, "kg"), (hands.damping_ns_per_m, "N.s/m"), (hands.stiffness_n_per_m, "N/m"))
+    texts = [" to ".join(quantity(end, units.unit(unit)) for end in dict.fromkeys(ends)) for ends, unit in ranges]
+    margins = (("a disk margin", judged_for.disk_margin), ("a gain margin", judged_for.gain_margin))
+    required = [f", with {margin} of at least {least:g}" for margin, least in margins if least is not None]
+    return (f"hands of {', '.join(texts)}, and released{''.join(required)}",)
 
 
 @singledispatch

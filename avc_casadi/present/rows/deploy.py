@@ -14,6 +14,7 @@ from typing import Any, ClassVar
 from avc_casadi._util.json_values import Document, plain
 from avc_casadi._util.units import Quantity, Units
 from avc_casadi.claims.deployable import Deployable
+from avc_casadi.claims.judged_for import JudgedFor
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.ends import End, Follower, Simulation, Wall
 from avc_casadi.model.problem import Problem
@@ -38,19 +39,25 @@ class Deployment(Document):
         unsafe: why it went on by request alone; empty where it is deployable.
         lacks: what a table of gains does not say; None of a coupling to another end.
         holes: what runs at frequencies without gains.
+        judged_for: hands and margin that the verdict is for.
     """
 
-    JSON_KEYS: ClassVar = ("coupling", "deployable", "unsafe", "lacks", "holes")
+    JSON_KEYS: ClassVar = ("coupling", "deployable", "judged_for", "unsafe", "lacks", "holes")
 
     coupling: str
     deployable: Deployable
     unsafe: str
     lacks: tuple[str, ...]
     holes: str | None
+    judged_for: JudgedFor
 
 
 def _unsafe(why: str) -> list[Row]:
     return [row("Unsafe", why, mark=Mark.FAIL)] if why else []
+
+
+def _judged_for(judged_for: JudgedFor) -> Row:
+    return row("Judged for", judged_for.sentence)
 
 
 def limits(result: ReportedDeviceLimits, units: Units) -> Answer:
@@ -160,14 +167,16 @@ def push(
         row("Pushed", table, "(", Value(result.seconds, "time"), attempts),
         row("Read back", f"equal{rounding} single precision", mark=Mark.PASS),
         row("Limit", Value(result.max_force_n, "force")),
+        _judged_for(deployment.judged_for),
         *([] if loop is None else [in_the_loop(loop)]),
         *subject.notes(filter(None, [deployment.holes, *result.notes])),
+        *subject.edited(coupling),
         *subject.notes(coupling.lacks, "Missing"),
     ]
     onwards = [] if result.port == "emulator" else [f"monitor --port {quote(result.port)}"]
     restless = loop is not None and not isinstance(loop, NotTried) and not loop.at_rest
     why = f"avc: {shown} does not settle on the emulated device: avc simulate {quote(shown)} -v"
-    data = deployment.document() | result.document()
+    data = deployment.document() | result.document() | {"edited": coupling.edited}
     if loop is not None:
         data["in_the_loop"] = loop.document()
     return subject.answer("push", data, problem, shown, rows, *onwards, complaint=why if restless else "")
@@ -206,20 +215,22 @@ class Exported:
         precision: single or double.
         files: paths of the files.
         unsafe: why it went on by request alone; empty where it is deployable.
+        judged_for: hands and margin that the verdict is for.
         deployment: the verdict of a coupling to a wall; None of one to another end.
     """
 
     precision: str
     files: tuple[str, ...]
     unsafe: str
+    judged_for: JudgedFor
     deployment: Deployment | None
 
     def document(self, coupling: Coupling) -> dict[str, Any]:
         """Return the `export` document: JSON values only."""
-        judged = {"coupling": coupling.id, "unsafe": self.unsafe}
+        judged = {"coupling": coupling.id, "judged_for": self.judged_for.document(), "unsafe": self.unsafe}
         if self.deployment is not None:
             judged = self.deployment.document()
-        return judged | {"precision": self.precision, "files": list(self.files)}
+        return judged | {"edited": coupling.edited, "precision": self.precision, "files": list(self.files)}
 
 
 def export(result: Exported, coupling: Coupling, shown: str) -> Answer:
@@ -231,6 +242,8 @@ def export(result: Exported, coupling: Coupling, shown: str) -> Answer:
         *_unsafe(result.unsafe),
         row("Coupling", f"{coupling.id}:", in_c.gains),
         row("C", f"{result.precision} precision,", rates, f", {in_c.size}"),
+        _judged_for(result.judged_for),
+        *subject.edited(coupling),
     ]
     if deployment is not None:
         rows += subject.notes([deployment.holes] if deployment.holes else [])
@@ -249,6 +262,7 @@ class ExportedLaw:
         law: its identifier.
         passed: whether it is deployable; else it went on by request.
         sentence: the verdict.
+        judged_for: hands and margin that the verdict is for.
     """
 
     precision: str
@@ -256,6 +270,7 @@ class ExportedLaw:
     law: str
     passed: bool
     sentence: str
+    judged_for: JudgedFor
 
 
 def export_law(result: ExportedLaw, problem: Problem, shown: str) -> Answer:
@@ -267,6 +282,7 @@ def export_law(result: ExportedLaw, problem: Problem, shown: str) -> Answer:
         row("Verdict", result.sentence, mark=grade(result.passed)),
         row("Law", f"{result.law}:", pieces.named(law), "" if problem.law_in_wall else ", on both sides of 0"),
         row("C", f"{result.precision} precision,", rate),
+        _judged_for(result.judged_for),
     ]
     return subject.answer("export", plain(result), problem, shown, rows)
 
@@ -366,9 +382,12 @@ def stream(result: ReportedStream, deployment: Deployment, coupling: Coupling) -
         row("Round trip", "median", median, ", largest", largest),
         row("Fell back", "to the table", Value(result.fell_back, "number", 9), "times", mark=fell),
         row("Afterwards", after, mark=grade(not result.faults)),
+        _judged_for(deployment.judged_for),
+        *subject.edited(coupling),
     ]
     streamed = (f"coupling {coupling.id} streamed for", Value(result.seconds, "time"), f"at {result.rate_hz:g} Hz")
-    data = {"problem": coupling.problem.name, "coupling": coupling.id} | plain(result) | deployment.document()
+    streamed_for = {"problem": coupling.problem.name, "coupling": coupling.id, "edited": coupling.edited}
+    data = streamed_for | plain(result) | deployment.document()
     title = parts(result.port, " ", streamed)
     complaint = f"avc: {result.port}: {'; '.join(result.faults)}" if result.faults else ""
     return Answer("stream", data, title, tuple(rows), units=coupling.problem.units, complaint=complaint)

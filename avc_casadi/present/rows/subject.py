@@ -10,6 +10,7 @@ from shlex import quote
 from typing import Any
 
 from avc_casadi.claims.deployable import Deployable
+from avc_casadi.coupling import Coupling
 from avc_casadi.files.catalogue import catalogue_names
 from avc_casadi.loops.margins import LEAST_DISK, SOUND_DISK, Margins
 from avc_casadi.model.device import Device
@@ -192,6 +193,15 @@ def deployable(verdict: Deployable | None) -> Row:
     sound = "" if margin is None else f"; disk margin {margin:.2g}"
     text = f"yes: linearly stable with every hand of [hands] and released{doubt or sound}"
     return row("Deployable", text, mark=Mark.CAUTION if doubt else Mark.PASS)
+
+
+EDITED = "the coupling file was changed after avc wrote it: judged anew, as it stands"
+"""Note on a coupling whose file has another digest than its content."""
+
+
+def edited(coupling: Coupling) -> list[Row]:
+    """Return the note on a coupling whose file was changed after it was written; nothing without a change."""
+    return notes([EDITED]) if coupling.edited else []
 
 
 def counts(numbers: Mapping[str, int]) -> str:

@@ -13,6 +13,7 @@ from avc_casadi.simulation.emit import DOUBLE, PRECISIONS, Precision
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from avc_casadi.claims.judged_for import JudgedFor
     from avc_casadi.model.problem import Problem
 
 NAME = "avc_coupling"
@@ -129,6 +130,11 @@ def comment(text: str) -> str:
     """Return any text as one line of a comment; other characters become an underscore."""
     # Excludes *, \ and ?: no comment ends or begins there, no line continues in the next, and there is no trigraph.
     return re.sub(r"[^A-Za-z0-9 .,:;()\[\]+=<>%_'/-]", "_", " ".join(text.split()))
+
+
+def judged_for(scope: JudgedFor) -> str:
+    """Return for which hands and margin a verdict is, as lines of a comment in the units of the device."""
+    return comment_lines(f"judged for {scope.sentence}")
 
 
 def comment_lines(text: str) -> str:

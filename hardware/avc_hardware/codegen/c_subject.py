@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
 from avc_casadi import InputError, NotDeployableError, UnsupportedError, certify_law
+from avc_casadi.claims.judged_for import JudgedFor
 from avc_casadi.coupling import hash_of
 from avc_casadi.files.problem_file import require_device
 from avc_hardware.codegen import c_frame
@@ -52,6 +53,7 @@ class CSubject:
         problem: device, names and detents.
         passed: whether it is deployable.
         sentence: the verdict on its deployment.
+        judged_for: hands and margin that the verdict is for.
         place: where it acts.
         ahead_m: by how much an observer looks before the measured position.
         table: gains that are looked up; None for constant ones.
@@ -64,6 +66,7 @@ class CSubject:
     problem: Problem
     passed: bool
     sentence: str
+    judged_for: JudgedFor
     place: Place
     ahead_m: float = 0.0
     table: GainTable | None = None
@@ -94,6 +97,7 @@ def coupling_subject(coupling: Coupling, verdict: Deployable) -> CSubject:
         problem=problem,
         passed=verdict.passed,
         sentence=verdict.sentence if verdict.passed else f"UNSAFE, written by request: {verdict.sentence}",
+        judged_for=JudgedFor.of_coupling(coupling),
         place="wall" if problem.detent is None else "detents",
         ahead_m=0.0 if feedback is None else max(feedback.face_m, 0.0),
         table=None if table.constant else table,
@@ -134,6 +138,7 @@ def law_subject(problem: Problem, *, unsafe: bool) -> CSubject:
         problem=problem,
         passed=passed,
         sentence=sentence if passed else f"UNSAFE, written by request: {sentence}",
+        judged_for=JudgedFor.of_law(problem),
         place=in_wall if problem.law_in_wall else "everywhere",
     )
 

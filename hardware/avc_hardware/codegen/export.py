@@ -29,6 +29,7 @@ _HEADER = """\
 {head}
  * force: {force}
  * {verdict}
+ * {judged_for}
  * sample time: {sample_time:.9g} s, and no other: {meant} another loop at another rate{units}
  *
  * C99, also C++11 and later; no heap, no library; an int of 16 bits is enough{table}. IEEE {precision} precision.
@@ -393,6 +394,7 @@ def _header(subject: CSubject, program: CouplingProgram, precision: Precision) -
         units=c_frame.head_words(subject.problem)["units"],
         meant=subject.meant,
         verdict=c_frame.comment_lines(subject.sentence),
+        judged_for=c_frame.judged_for(subject.judged_for),
         force="the problem states no limit; limit the force yourself" if force is None else f"limited at {force:.9g} N",
         sample_time=device.sample_time_s,
         sample_time_literal=precision.literal(device.sample_time_s),

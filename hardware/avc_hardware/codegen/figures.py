@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+from avc_casadi import UnsupportedError
+
 if TYPE_CHECKING:
     from avc_casadi.model.device import Device
 
@@ -85,7 +87,14 @@ class Config:
 
 
 def actuator_m_per_s2(device: Device) -> float:
-    """Return the acceleration of the lighter part of a device by its actuator alone; as of a board without a limit."""
+    """Return the acceleration of the lighter part of a device by its actuator alone; as of a board without a limit.
+
+    Raises:
+        UnsupportedError: the device has no mass.
+    """
+    if device.mass_kg == 0:
+        message = f"device.{device.units.key('mass_kg')} is 0: C judges positions by it; give the moving mass"
+        raise UnsupportedError(message, key="device.mass_kg")
     share = 0.0 if device.resonance is None else device.resonance.mass_ratio
     force = device.max_force_n or BoardLimits().max_force_n * device.metres_per_unit
     return force / (device.mass_kg * (min(share, 1 - share) or 1.0))

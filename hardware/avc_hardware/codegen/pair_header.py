@@ -5,8 +5,9 @@ from __future__ import annotations
 from functools import singledispatch
 from typing import TYPE_CHECKING, Any
 
+from avc_casadi.claims.judged_for import JudgedFor
 from avc_casadi.model.ends import End, Follower, Simulation, not_known
-from avc_hardware.codegen.c_frame import FRAME, NS_PER_S, comment, comment_lines, head_words
+from avc_hardware.codegen.c_frame import FRAME, NS_PER_S, comment, comment_lines, head_words, judged_for
 from avc_hardware.codegen.sensor import DRIFT_M, JUMP_M, SENSOR_TYPE, SensorBounds, fade_samples
 
 if TYPE_CHECKING:
@@ -46,6 +47,7 @@ _HEADER = """\
  * Coupling {id} for {problem}{title}
 {facts}
  * {verdict}
+ * {judged_for}
  * sample time: {times}, and no other: the gains mean another loop at another rate{units}
  *
 {use}
@@ -238,6 +240,7 @@ def pair_header(coupling: Coupling, precision: Precision, verdict: str, silences
         id=coupling.id,
         facts="\n".join(f" * {comment_lines(fact)}" for fact in facts),
         verdict=comment_lines(verdict),
+        judged_for=judged_for(JudgedFor.of_coupling(coupling)),
         times=" and ".join(f"{device.sample_time_s:.9g} s ({name})" for name, device in ends.items()),
         wrong="\n * - ".join(comment_lines(fault).replace("\n * ", "\n *   ") for fault in (wrong, also)),
         fade_s=max(fade_samples(device) * device.sample_time_s for device in ends.values()),
