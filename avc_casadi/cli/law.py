@@ -12,8 +12,8 @@ from avc_casadi.files.border import in_keys_of
 from avc_casadi.files.problem_file import is_device
 from avc_casadi.model.control_law import VELOCITIES
 from avc_casadi.model.joint import Joint
-from avc_casadi.model.quantity import read_quantity, unit_of_key
 from avc_casadi.model.table import shown
+from avc_casadi.model.unit_text import read_quantity, unit_of_key
 
 _TYPED = {"k": "stiffness_n_per_m", "b": "damping_ns_per_m", "b_p": "local_damping_ns_per_m"}
 _NUMBERS = {

@@ -18,6 +18,7 @@ from avc_casadi.model import quantity as q
 from avc_casadi.model import table as t
 from avc_casadi.model.joint import NoDevice
 from avc_casadi.model.table import UNKNOWN, checked
+from avc_casadi.model.unit_text import power_at_handle, read_quantity, unit_of_key
 
 COUNTS = "encoder_counts_per_turn"
 """Key of an encoder of a rotary device by its counts, in place of its resolution."""
@@ -67,7 +68,7 @@ class Border:
 
     def checked(self, model: type[M], name: str) -> M | list[t.Finding]:
         """Return the tables as a model, or all faults, each at its path in the file."""
-        result = checked(model, self.tables, name)
+        result = checked(model, self.tables, name, tuple(dict.fromkeys((self.device, self.rest))))
         findings = result if isinstance(result, list) else []
         faults: dict[t.Path, str] = {}
         for path, message in findings:
@@ -107,7 +108,7 @@ class Border:
                 if units.key(key) in value:
                     continue
             self._written[*path, name] = place
-            unit = q.unit_of_key(key, units)
+            unit = unit_of_key(key, units)
             # A mass typed for an inertia may be that of the handle, or of the rotor.
             ambiguous = name == "mass_kg" and path[:1] != ("hands",)
             typed = self._typed(item, unit, place, None if ambiguous else radius_m) if unit else item
@@ -121,7 +122,7 @@ class Border:
         if not isinstance(value, str) or not re.search(r"[^-+.\d\seE]", value):
             return value
         try:
-            return q.read_quantity(value, unit, radius_m)
+            return read_quantity(value, unit, radius_m)
         except ValueError as error:
             self.fault(place, f"is {t.shown(value)}, {error}")
             return value
@@ -222,7 +223,7 @@ def _radius_m(device: Mapping[str, Any]) -> float | None:
     """Return the radius of a device's handle or capstan; a fault of it is found where it is read."""
     radius = device.get("handle_radius_m", device.get(CAPSTAN))
     with suppress(ValueError, PydanticCustomError):
-        radius = q.read_quantity(radius, "m") if isinstance(radius, str) else radius
+        radius = read_quantity(radius, "m") if isinstance(radius, str) else radius
         return q.Quantity("m", *q.RADII_M, zero=False)(radius)
     return None
 
@@ -236,7 +237,7 @@ def at_handle(device: Mapping[str, Any], radius_m: float) -> dict[str, Any]:
         if isinstance(value, Mapping):
             linear[key] = at_handle(value, radius_m)
         else:
-            linear[key] = _scaled(value, q.power_at_handle(key), radius_m)
+            linear[key] = _scaled(value, power_at_handle(key), radius_m)
     return linear
 
 

@@ -27,7 +27,7 @@ from avc_casadi.files.new_options import (
 )
 from avc_casadi.files.toml import toml_value
 from avc_casadi.model.hands import FINGERTIP
-from avc_casadi.model.quantity import read_quantity, unit_of_key
+from avc_casadi.model.unit_text import read_quantity, unit_of_key
 
 _STAND_IN_PERIOD_S = 1e-3
 """Stands in place of a faulty rate, which is reported by itself."""

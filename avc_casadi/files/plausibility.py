@@ -10,8 +10,9 @@ from avc_casadi._errors import Fault
 from avc_casadi.files.device_file import DeviceFile
 from avc_casadi.model.device import CURRENT_LOOP_DAMPING_RATIO
 from avc_casadi.model.problem import Impedance, Problem
-from avc_casadi.model.quantity import plain, power_at_handle
+from avc_casadi.model.quantity import plain
 from avc_casadi.model.table import shown
+from avc_casadi.model.unit_text import power_at_handle
 
 # Usual values of desktop devices, their walls and hands, in the unit of the key; 0 is "absent" and never in doubt. For
 # a rotary device they apply at its handle.

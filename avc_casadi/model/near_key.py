@@ -5,13 +5,15 @@ from __future__ import annotations
 import difflib
 import typing
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Literal
 
 from pydantic import BaseModel
 
-from avc_casadi._util.units import ROTARY
+from avc_casadi._util.units import LINEAR, ROTARY, Units
 from avc_casadi.model.annotation import inside, tables_of
+from avc_casadi.model.unit_text import UNIT_WORDS, ending_of, unit_named, unit_of_key
 
 Kind = Literal["table", "list", "value"]
 
@@ -41,22 +43,79 @@ _MOST_CHARACTERS = 60
 """Characters of a key that are compared."""
 
 
-def hint_of(table: type[BaseModel], file: type[BaseModel] | None, key: str, value: Any) -> str:
-    """Return the key that is meant by one with a value that a table of a file has not; empty where none is near.
+@dataclass(frozen=True)
+class KeysOf:
+    """The keys that a file may have: its outermost table, and the units of its keys."""
 
-    It is a name of the same key in this table, the same key in another table, or a key that is much alike: of this
-    table, then of another one.
+    table: type[BaseModel]
+    units: tuple[Units, ...] = (LINEAR,)
+
+
+@dataclass(frozen=True)
+class Hint:
+    """What is meant by an unknown key: the text of the hint, and the key of the same table that it stands for."""
+
+    text: str = ""
+    key: str = ""
+
+
+def hint_of(table: type[BaseModel], file: KeysOf | None, key: str, value: Any) -> Hint:
+    """Return what is meant by a key with a value that a table of a file has not; without text where none is near.
+
+    It is a name of the same key in this table, that key with a value in another unit, the same key in another table,
+    or a key that is much alike: of this table, then of another one.
     """
     known = [name for name in table.model_fields if name != "name"]
     meant = _SYMBOLS.get(key.lower(), ROTARY.inner(key))
     if meant in known:
-        return meant
+        turns = key.lower() not in _SYMBOLS and file is not None and file.units == (LINEAR,)
+        return Hint(f'motion = "rotary" in [device], or {meant}' if turns else meant, meant)
+    in_unit = _in_another_unit(known, file, key, value)
+    if in_unit is not None:
+        return in_unit
+    near = _near_of(table, file, key, value)
+    return Hint(near, near if near in known else "")
+
+
+def _in_another_unit(known: list[str], file: KeysOf | None, key: str, value: Any) -> Hint | None:
+    """Return the known key that a key with another unit at its end stands for, with its value as it is to be written.
+
+    `mass_g = 120` is `mass_kg = "120 g"`: without the unit the value would be 1000 times as large.
+    """
+    words = key[:_MOST_CHARACTERS].split("_")
+    for begin in range(1, len(words)):
+        stems: dict[str, tuple[str, str]] = {}
+        for units in (LINEAR,) if file is None else file.units:
+            ending = "_".join(units.key(key).split("_")[begin:]).lower()
+            for name in known:
+                unit = unit_of_key(units.key(name), units)
+                named = unit_named(ending, unit) if unit else ""
+                if named:
+                    stems[name.removesuffix(ending_of(name))] = name, named
+        for near in difflib.get_close_matches("_".join(words[:begin]), stems, n=1, cutoff=_ALIKE):
+            name, named = stems[near]
+            return Hint(f"{name} = {_with_unit(value, named)}", name)
+    return None
+
+
+def _with_unit(value: Any, unit: str) -> str:
+    """Return a value as text with a unit, as in a file."""
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(_with_unit(entry, unit) for entry in value[:2])}]"
+    number = f"{value:g}" if isinstance(value, int | float) and not isinstance(value, bool) else "1"
+    return f'"{number} {unit}"'
+
+
+def _near_of(table: type[BaseModel], file: KeysOf | None, key: str, value: Any) -> str:
+    """Return the same key in another table, or a key that is much alike; empty where none is near."""
+    known = [name for name in table.model_fields if name != "name"]
+    meant = _SYMBOLS.get(key.lower(), ROTARY.inner(key))
     kind = _kind_of(value)
     of_kind = [name for name in known if (_kind_of_key(table, name) == "table") == (kind == "table")]
     near = _near(key, of_kind, _ALIKE)
     near += [name for name in _near(key, known, _MUCH_ALIKE) if name not in near]
     # Of a key in several tables, those are meant in which it has such a value.
-    elsewhere = {} if file is None else _tables_with(file, None) | _tables_with(file, kind)
+    elsewhere = {} if file is None else _tables_with(file.table, None) | _tables_with(file.table, kind)
     if meant in elsewhere:
         return _in_tables(meant, elsewhere[meant])
     if near:
@@ -66,9 +125,16 @@ def hint_of(table: type[BaseModel], file: type[BaseModel] | None, key: str, valu
 
 
 def _near(key: str, known: list[str], alike: float) -> list[str]:
-    """Return the keys that are alike, those that begin with the same word first."""
-    near = difflib.get_close_matches(key[:_MOST_CHARACTERS], known, n=5, cutoff=alike)
+    """Return the keys that are alike and have no other unit, those that begin with the same word first."""
+    same_unit = [name for name in known if not _has_another_unit(key, name)]
+    near = difflib.get_close_matches(key[:_MOST_CHARACTERS], same_unit, n=5, cutoff=alike)
     return sorted(near, key=lambda known_key: known_key.split("_")[0] != key.split("_", maxsplit=1)[0])
+
+
+def _has_another_unit(key: str, name: str) -> bool:
+    """Return whether a key ends in a unit that is not the end of a known one: its value is not meant for that."""
+    end = key.rpartition("_")[2].lower()
+    return end in UNIT_WORDS and bool(ending_of(name)) and not name.endswith(f"_{end}")
 
 
 def _kind_of(value: Any) -> Kind:

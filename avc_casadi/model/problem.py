@@ -20,6 +20,7 @@ from avc_casadi.model.device import Detent, Device
 from avc_casadi.model.ends import End, Follower, Simulation, Wall, at_least_a_sample
 from avc_casadi.model.joint import Joint, NoDevice, joint_law_faults
 from avc_casadi.model.scene import MOTIONS, Scene
+from avc_casadi.model.unit_text import power_at_handle
 
 Model = Literal["paper", "sampled-data"]
 Structure = Literal["series", "damped"]
@@ -161,7 +162,7 @@ def defaults_at(model: type[t.Table], radius_m: float) -> dict[str, Any]:
     """Return the defaults of a table, for a linear device at a radius, as those of the device that turns."""
     scaled: dict[str, Any] = {}
     for key, field in model.model_fields.items():
-        scale = radius_m ** -q.power_at_handle(key)
+        scale = radius_m ** -power_at_handle(key)
         if scale != 1 and isinstance(field.default, float):
             scaled[key] = scale * field.default
         elif scale != 1 and isinstance(field.default, tuple) and any(field.default):

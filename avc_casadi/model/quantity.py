@@ -1,200 +1,20 @@
-"""Physical quantities of a problem file: allowed values, as printed to the user, and values typed with a unit.
+"""Physical quantities of a problem file: allowed values, as printed to the user.
 
 Each has a range: a wrong unit is refused, no equation overflows. 0 means "absent", a subnormal number is a mistake.
 """
 
-import itertools
-import math
 import numbers
-import re
-from collections.abc import Iterator
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import Annotated, Any, TypeVar
 
 from pydantic import AfterValidator, BeforeValidator
 
-from avc_casadi._util.units import ROTARY, Units
 from avc_casadi.model.table import refusal, shown
 
 
 def plain(number: float) -> str:
     """Return a number in the usual form: 1e-9, not 1e-09."""
     return f"{number:g}".replace("e-0", "e-").replace("e+0", "e").replace("e+", "e")
-
-
-# Size in SI units, and powers of kg, m, s and rad.
-_SYMBOLS = {
-    "g": (1e-3, (1, 0, 0, 0)),
-    "m": (1.0, (0, 1, 0, 0)),
-    "s": (1.0, (0, 0, 1, 0)),
-    "N": (1.0, (1, 1, -2, 0)),
-    "Hz": (1.0, (0, 0, -1, 0)),
-    "rad": (1.0, (0, 0, 0, 1)),
-}
-_ALONE = {
-    "in": (0.0254, (0, 1, 0, 0)),
-    "dpi": (1 / 0.0254, (0, -1, 0, 0)),
-    "lb": (0.45359237, (1, 0, 0, 0)),
-    "lbf": (4.4482216152605, (1, 1, -2, 0)),
-    "kgf": (9.80665, (1, 1, -2, 0)),
-    "gf": (9.80665e-3, (1, 1, -2, 0)),
-    "ozf": (0.27801385095378, (1, 1, -2, 0)),
-    **dict.fromkeys(("deg", "degrees", "\N{DEGREE SIGN}"), (math.pi / 180, (0, 0, 0, 1))),
-    "arcmin": (math.pi / 10800, (0, 0, 0, 1)),
-    "arcsec": (math.pi / 648000, (0, 0, 0, 1)),
-    **dict.fromkeys(("turn", "turns", "rev"), (2 * math.pi, (0, 0, 0, 1))),
-    **dict.fromkeys(("CPR", "cpr"), (1 / (2 * math.pi), (0, 0, 0, -1))),
-    **dict.fromkeys(("count", "counts", "step", "steps", "sample", "samples"), (1.0, (0, 0, 0, 0))),
-}
-_NAMED = {
-    prefix + symbol: (size * 10.0**power, of)
-    for symbol, (size, of) in _SYMBOLS.items()
-    for prefix, power in {"": 0, "k": 3, "c": -2, "m": -3, "u": -6, "n": -9, "M": 6, "G": 9}.items()
-}
-# Unit of a key, as its ending, the longest first; and the power of the metres per radian that takes a value of what
-# turns to the handle.
-_ENDINGS = {
-    "_ns2_per_m2": ("N.s2/m2", -3),
-    "_ns_per_m": ("N.s/m", -2),
-    "_n_per_m_s": ("N/m/s", -2),
-    "_n_per_m": ("N/m", -2),
-    "_m_per_s": ("m/s", 1),
-    "_n_per_s": ("N/s", -1),
-    "_kg": ("kg", -2),
-    "_n": ("N", -1),
-    "_m": ("m", 1),
-    "_samples": ("samples", 0),
-    "_hz": ("Hz", 0),
-    "_s": ("s", 0),
-}
-_POWERS = dict(_ENDINGS.values())
-_Unit = tuple[float, tuple[int, ...]]
-_NO_POWERS: tuple[int, ...] = (0, 0, 0, 0)
-
-
-def power_at_handle(key: str) -> int:
-    """Return the power of the radius that converts a rotary value to the handle, by the unit of its key."""
-    return next((power for ending, (_, power) in _ENDINGS.items() if key.endswith(ending)), 0)
-
-
-def unit_of_key(key: str, units: Units) -> str:
-    """Return the SI unit of a key as a file states it; empty where it has none."""
-    inner = units.inner(key)
-    unit = next((unit for ending, (unit, _) in _ENDINGS.items() if inner.endswith(ending)), "")
-    return unit if inner == key else units.unit(unit)
-
-
-def _words(word: str) -> Iterator[_Unit]:
-    """Yield each reading of a word as units without a sign between them: ``Ncm``, ``gcm2``, ``mNm``."""
-    alone, times = (word[:-1], int(word[-1])) if word[-1:].isdecimal() else (word, 1)
-    if not word or alone in _ALONE:
-        size, powers = _ALONE.get(alone, (1.0, _NO_POWERS))
-        yield size**times, tuple(times * power for power in powers)
-        return
-    for name, (size, powers) in _NAMED.items():
-        if word.startswith(name):
-            rest = word.removeprefix(name)
-            power, rest = (int(rest[0]), rest[1:]) if rest[:1].isdecimal() else (1, rest)
-            for more, more_powers in _words(rest):
-                yield size**power * more, tuple(power * a + b for a, b in zip(powers, more_powers, strict=True))
-
-
-def _readings(text: str) -> Iterator[_Unit]:
-    """Yield each reading of a unit, such as ``N.m/rad`` or ``counts per 10 mm``: its size in SI units, its powers."""
-    text = text.translate(str.maketrans("\N{MICRO SIGN}\N{GREEK SMALL LETTER MU}\N{SUPERSCRIPT TWO}", "uu2", "^"))
-    # Each factor behind a stroke divides, in brackets or not.
-    text = re.sub(r"\(([^()/]*)\)", r"\1", text)
-    sign, factors = 1, []
-    factor = r"\d+\.?\d*|[^\W\d_]+\d?|\N{DEGREE SIGN}|/|[^\s.\N{MIDDLE DOT}*]"
-    for part in re.findall(factor, re.sub(r"\bper\b", "/", text)):
-        if part == "/":
-            sign = -1
-        elif part[0].isdecimal():
-            factors.append([(float(part) ** sign, _NO_POWERS)] if float(part) else [])
-        else:
-            read = _words(part) if len(part) <= 12 else ()
-            factors.append([(size**sign, tuple(sign * power for power in powers)) for size, powers in read])
-    for parts in itertools.product(*factors):
-        powers = zip(_NO_POWERS, *(powers for _, powers in parts), strict=True)
-        yield math.prod(size for size, _ in parts), tuple(map(sum, powers))
-
-
-def read_quantity(text: str, unit: str, metres_per_radian: float | None = None) -> float:
-    """Return a quantity as typed in SI units: ``55 um`` as 5.5e-5, ``1 kHz`` for a time, ``450 dpi`` for a step."""
-    gear = r"(.+?)[\s,]+(?:gear\s+(\d+\.?\d*)(?:\s*:\s*(\d+\.?\d*))?|pitch\s+(.+?))\s*"
-    geared = re.fullmatch(gear, text)
-    if geared:
-        return _behind(geared, unit)
-    bits = re.match(r"\s*(\d{1,2})[\s-]*bits?\b", text)
-    if bits:
-        text = f"{2 ** int(bits[1])} counts{text[bits.end() :]}"
-    typed = re.fullmatch(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*", text, re.DOTALL)
-    readings = [] if typed is None else list(_readings(typed[2]))
-    number = math.nan if typed is None else float(typed[1])
-    if typed is None or not readings or not math.isfinite(number):
-        raise ValueError(_no_quantity(unit))
-    if not typed[2]:
-        return number
-    _, wanted = next(_readings(unit))
-    for size, powers in readings:
-        value = _in_unit(number * size, powers, unit, wanted)
-        if value is not None:
-            return float(f"{value:.15g}")
-    linear = _linear(unit)
-    if metres_per_radian is not None and linear != unit:
-        with suppress(ValueError):
-            return float(f"{read_quantity(text, linear) * metres_per_radian ** -_POWERS[linear]:.15g}")
-    raise ValueError(_no_quantity(unit))
-
-
-def _in_unit(value: float, powers: tuple[int, ...], unit: str, wanted: tuple[int, ...]) -> float | None:
-    """Return a value in SI units, of some powers, in the unit that is wanted; None where it is none of that kind."""
-    # N.m/rad typed without the angle is meant with it.
-    if powers == wanted or (any(powers[:3]) and powers[:3] == wanted[:3]):
-        return value
-    # Counts of a turn, for the angle of a step.
-    if not any(powers) and unit == "rad" and value:
-        return 2 * math.pi / value
-    # The reciprocal: a rate for a time, steps per length for a step.
-    if any(powers) and tuple(-power for power in powers) == wanted and value:
-        return 1 / value
-    return None
-
-
-def _no_quantity(unit: str) -> str:
-    """Return what to write for a unit."""
-    as_in = {
-        "rad": ': "2000 counts" (four times the lines), "12 bit", "0.09 deg"; with a radius "4000 counts per 10 mm"',
-        "m": ': "5 um", "450 dpi", "4000 counts per 10 mm", "4096 counts, pitch 5 mm"',
-        "N.m": ': "45 N.cm", "13 kgf.cm", "25 ozf.in", "90 mN.m, gear 30:1"',
-        "N": ': "8 N", "2 lbf", "0.2 N.m, pitch 5 mm"',
-        "kg.m2": ': "300 g.cm2", "50 g.cm2, gear 10"',
-        "kg": ': "45 g", "50 g.cm2, pitch 10 mm"',
-    }.get(unit, "")
-    return f"not a quantity in {unit}; give a number, or a text with such a unit{as_in}"
-
-
-def _linear(unit: str) -> str:
-    """Return the unit of a linear device for that of one that turns; any other unchanged."""
-    return next((linear for linear in _POWERS if ROTARY.unit(linear) == unit), unit)
-
-
-def _behind(geared: re.Match[str], unit: str) -> float:
-    """Return a quantity of a motor as that of what a reduction or a screw moves."""
-    typed, teeth, driver_teeth, pitch = geared.groups()
-    power = _POWERS.get(_linear(unit), 0)
-    if not power or (pitch and unit != _linear(unit)):
-        raise ValueError(
-            f"with a {'pitch' if pitch else 'gear'}, which has no effect on {unit} here; give the value without it"
-        )
-    if pitch:
-        per_radian = read_quantity(pitch, "m") / (2 * math.pi)
-    else:
-        per_radian = min(float(teeth), float(driver_teeth or 1)) / max(float(teeth), float(driver_teeth or 1))
-    if not per_radian > 0:
-        raise ValueError("with a gear or pitch of 0; allowed: above 0")
-    return float(f"{read_quantity(typed, ROTARY.unit(unit) if pitch else unit) * per_radian**power:.15g}")
 
 
 @dataclass(frozen=True)

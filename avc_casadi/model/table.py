@@ -21,8 +21,9 @@ from pydantic.fields import FieldInfo
 from pydantic_core import PydanticCustomError
 
 from avc_casadi._errors import Fault, InputError
+from avc_casadi._util.units import LINEAR, Units
 from avc_casadi.model.annotation import choices_of, inside, tables_of
-from avc_casadi.model.near_key import hint_of
+from avc_casadi.model.near_key import Hint, KeysOf, hint_of
 
 Path = tuple[str | int, ...]
 Finding = tuple[Path, str]
@@ -53,19 +54,19 @@ class Table(BaseModel):
         if isinstance(value, cls):
             return value
         findings: list[Finding] = []
+        hints: dict[str, Hint] = {}
         table = value
         if isinstance(value, Mapping) and cls.model_config["extra"] == "forbid":
             table = {key: item for key, item in value.items() if key in cls.model_fields}
-            findings = [
-                ((key,), _unknown(cls, info.context, key, value[key]))
-                for key in list(value)[: len(cls.model_fields) + 100]  # a million wrong keys are answered quickly too
-                if key not in table
-            ]
+            # A million wrong keys are answered quickly too.
+            unknown = [key for key in list(value)[: len(cls.model_fields) + 100] if key not in table]
+            hints = {key: hint_of(cls, info.context, key, value[key]) for key in unknown}
+            findings = [((key,), _unknown(cls, hint)) for key, hint in hints.items()]
         try:
             read = handler(table)
         except ValidationError as error:
             # A key that an unknown one stands for is not missing as well.
-            meant = {(message.rpartition("did you mean ")[2][:-1],) for _, message in findings}
+            meant = {(hint.key,) for hint in hints.values()}
             findings += (
                 (path, message)
                 for path, message in _findings(cls, error, value)
@@ -88,13 +89,20 @@ def inner_faults(findings: list[Finding]) -> PydanticCustomError:
     return PydanticCustomError("inner", "{text}", {"text": text, "faults": findings})
 
 
-def checked(model: type[M], tables: Mapping[str, Any], name: str = "") -> M | list[Finding]:
-    """Return a file's parsed tables as a model, or all their faults; those between tables where each is sound."""
+def checked(
+    model: type[M], tables: Mapping[str, Any], name: str = "", units: tuple[Units, ...] = (LINEAR,)
+) -> M | list[Finding]:
+    """Return a file's parsed tables as a model, or all their faults; those between tables where each is sound.
+
+    `units` are those of its keys, for hints.
+    """
     keys = {key: value for key, value in tables.items() if key != "name"}
     is_no_key = "is not a key; leave it out: the name of the file is the name of the problem"
     findings: list[Finding] = [(("name",), is_no_key)] if "name" in tables else []
     try:
-        read = model.model_validate({**keys, "name": name} if "name" in model.model_fields else keys, context=model)
+        read = model.model_validate(
+            {**keys, "name": name} if "name" in model.model_fields else keys, context=KeysOf(model, units)
+        )
     except ValidationError as error:
         return findings + faults_of(error)
     return findings or read
@@ -170,11 +178,10 @@ def _findings(table: type[Table], error: ValidationError, value: Any) -> Iterato
             yield path, f"is {shown(typed)}; allowed: {_ALLOWED[kind]}" if kind in _ALLOWED else item["msg"]
 
 
-def _unknown(table: type[Table], file: type[Table] | None, key: str, value: Any) -> str:
-    """Return the fault of a key that a table of a file has not, with the one that is meant if any is near."""
+def _unknown(table: type[Table], hint: Hint) -> str:
+    """Return the fault of a key that a table of a file has not, with what is meant if anything is near."""
     known = ", ".join(name for name in table.model_fields if name != "name")
-    hint = hint_of(table, file, key, value)
-    return f"{UNKNOWN}allowed: {known}{f'; did you mean {hint}?' if hint else ''}"
+    return f"{UNKNOWN}allowed: {known}{f'; did you mean {hint.text}?' if hint.text else ''}"
 
 
 def _keys(table: type[Table]) -> str:

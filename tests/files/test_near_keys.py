@@ -11,6 +11,8 @@ DEVICE = {"mass_kg": 0.1, "damping_ns_per_m": 1.0}
 WALL = {"stiffness_n_per_m": 500.0, "damping_ns_per_m": 1.0}
 ROTARY = {"motion": "rotary", "handle_radius_m": 0.1, "inertia_kgm2": 1e-3, "damping_nms_per_rad": 1e-3}
 ROTARY_WALL = {"stiffness_nm_per_rad": 1.0, "damping_nms_per_rad": 0.0}
+LINEAR = {"device": DEVICE, "environment": WALL}
+TURNING = {"device": ROTARY, "environment": ROTARY_WALL}
 
 
 def toml(tables):
@@ -98,6 +100,51 @@ def test_a_hint_has_the_keys_of_a_device_that_turns(table, key, hint):
     tables = {"device": ROTARY, "environment": ROTARY_WALL}
     tables |= {table: {**tables[table], key: 1000.0}} if table else {key: 1000.0}
     assert hint_of(f"{table}.{key}".removeprefix("."), **tables) == hint
+
+
+@pytest.mark.parametrize(
+    ("tables", "table", "key", "value", "text"),
+    [
+        (LINEAR, "device", "mass_g", 120, 'mass_kg = "120 g"'),
+        (LINEAR, "device", "mass_lb", 0.5, 'mass_kg = "0.5 lb"'),
+        (LINEAR, "device", "encoder_resolution_mm", 0.02, 'encoder_resolution_m = "0.02 mm"'),
+        (LINEAR, "device", "encoder_resolution_dpi", 450, 'encoder_resolution_m = "450 dpi"'),
+        (LINEAR, "device", "sample_time_ms", 1, 'sample_time_s = "1 ms"'),
+        (LINEAR, "device", "sample_rate_hz", 1000.0, 'sample_time_s = "1000 Hz"'),
+        (LINEAR, "device", "delay_ms", 2, 'delay_samples = "2 ms"'),
+        (LINEAR, "device", "delay_s", 0.002, 'delay_samples = "0.002 s"'),
+        (LINEAR, "device", "amplifier_bandwidth_khz", 1.5, 'amplifier_bandwidth_hz = "1.5 kHz"'),
+        (LINEAR, "environment", "stiffness_n_per_mm", 3, 'stiffness_n_per_m = "3 N/mm"'),
+        (LINEAR, "environment", "stiffness_kn_per_m", 3, 'stiffness_n_per_m = "3 kN/m"'),
+        (LINEAR, "environment", "damping_ns_per_mm", 0.02, 'damping_ns_per_m = "0.02 N.s/mm"'),
+        (LINEAR, "hands", "mass_g", [50, 300], 'mass_kg = ["50 g", "300 g"]'),
+        (LINEAR, "device", "encoder_resolution_deg", 0.1, ""),
+        (TURNING, "device", "inertia_gcm2", 120, 'inertia_kgm2 = "120 g.cm2"'),
+        (TURNING, "device", "encoder_resolution_deg", 0.1, 'encoder_resolution_rad = "0.1 deg"'),
+        (TURNING, "device", "damping_mnms_per_rad", 3, 'damping_nms_per_rad = "3 mN.m.s/rad"'),
+        (TURNING, "device", "max_torque_ncm", 3, 'max_torque_nm = "3 N.cm"'),
+        (TURNING, "environment", "stiffness_mnm_per_rad", 3, 'stiffness_nm_per_rad = "3 mN.m/rad"'),
+        (TURNING, "device", "mass_g", 120, ""),
+    ],
+)
+def test_a_key_in_another_unit_leads_to_the_text_to_write(tables, table, key, value, text):
+    stated = {**tables, table: {**tables.get(table, {}), key: value}}
+    assert hint_of(f"{table}.{key}", **stated) == text
+
+
+@pytest.mark.parametrize(
+    ("table", "key", "linear"),
+    [
+        ("device", "inertia_kgm2", "mass_kg"),
+        ("device", "max_torque_nm", "max_force_n"),
+        ("environment", "stiffness_nm_per_rad", "stiffness_n_per_m"),
+        ("simulation", "tool_inertia_kgm2", "tool_mass_kg"),
+        ("follower", "inertia_kgm2", "mass_kg"),
+    ],
+)
+def test_a_key_of_a_device_that_turns_leads_to_the_motion_that_is_missing(table, key, linear):
+    tables = {**LINEAR, table: {**LINEAR.get(table, {}), key: 1.0}}
+    assert hint_of(f"{table}.{key}", **tables) == f'motion = "rotary" in [device], or {linear}'
 
 
 @pytest.mark.parametrize("name", list(Problem.model_fields["device"].annotation.model_fields))

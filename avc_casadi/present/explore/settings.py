@@ -20,8 +20,9 @@ from avc_casadi.model.control_law import ControlLaw
 from avc_casadi.model.device import Device
 from avc_casadi.model.ends import End, IntervalOf, Wall
 from avc_casadi.model.problem import Problem
-from avc_casadi.model.quantity import Quantity, Whole, power_at_handle
+from avc_casadi.model.quantity import Quantity, Whole
 from avc_casadi.model.table import Table
+from avc_casadi.model.unit_text import power_at_handle
 from avc_casadi.present.row import quantity_of
 
 Explored = Problem | AdmittanceProblem

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from avc_casadi.claims.law_region import LawRegion
-from avc_casadi.model.quantity import unit_of_key
+from avc_casadi.model.unit_text import unit_of_key
 from avc_casadi.present.figures import style
 
 _VIEW = 2.0
