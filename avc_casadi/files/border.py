@@ -7,7 +7,7 @@ import math
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 from pydantic_core import PydanticCustomError
@@ -16,6 +16,7 @@ from avc_casadi._errors import InputError, UnsupportedError
 from avc_casadi._util.units import LINEAR, ROTARY, Units, units_for
 from avc_casadi.model import quantity as q
 from avc_casadi.model import table as t
+from avc_casadi.model.device import Device
 from avc_casadi.model.joint import NoDevice
 from avc_casadi.model.table import UNKNOWN, checked
 from avc_casadi.model.unit_text import power_at_handle, read_quantity, unit_of_key
@@ -26,9 +27,34 @@ CAPSTAN = "capstan_radius_m"
 """Key of a rotary device with a linear handle: metres per radian."""
 _STAND_IN_RADIUS_M = 0.01
 """Stands in place of a faulty radius, so that the rest of the file is checked."""
+_PERIODS = q.Quantity("s", 1e-7, 10, zero=False)
+_USUAL_PERIOD_S = float(Device.model_fields["sample_time_s"].default)
 _COUNTS_PER_TURN = q.Quantity("counts", 8, 1e9, zero=False)
 _DETENTS_PER_TURN = q.Whole(1, 100_000)
 M = TypeVar("M", bound=t.Table)
+
+
+@dataclass(frozen=True)
+class _Reading:
+    """What a text of another unit is read with: the radius of the handle of what turns, and the sample time."""
+
+    radius_m: float | None = None
+    period_s: float = _USUAL_PERIOD_S
+
+    @classmethod
+    def of(cls, device: Mapping[str, Any]) -> _Reading:
+        """Return that of a device; faults of its values are found where they are read."""
+        period_s = _read_or_none(device.get("sample_time_s"), "s", _PERIODS)
+        return cls(_radius_m(device), _USUAL_PERIOD_S if period_s is None else period_s)
+
+    def samples(self, text: str) -> float:
+        """Return how many samples a text means: a count, or a time."""
+        try:
+            return read_quantity(text, "samples")
+        except ValueError as error:
+            with suppress(ValueError):
+                return float(f"{read_quantity(text, 's') / self.period_s:.12g}")
+            raise error from None
 
 
 @contextmanager
@@ -52,13 +78,15 @@ def in_keys_of(units: Units) -> Iterator[None]:
 class Border:
     """Tables of a file in the common keys, and where each of them stands in the file.
 
-    `device` and `rest` are the units of the device and of all other tables.
+    `device` and `rest` are the units of the device and of all other tables, `follower_base` is the device that a
+    follower refers to.
     """
 
     def __init__(self) -> None:
         self.tables: dict[str, Any] = {}
         self.device = self.rest = LINEAR
-        self._radius_m: float | None = None
+        self.follower_base: Mapping[str, Any] = {}
+        self._reading = _Reading()
         self._findings: dict[t.Path, str] = {}
         self._written: dict[t.Path, t.Path] = {(): ()}
 
@@ -90,15 +118,15 @@ class Border:
             message = f"{message}; did you mean {COUNTS}{'' if of_device else ' in [device]'}?"
         return (*self._written[path[:known]], *rest), units.words(message)
 
-    def inner(self, value: Any, units: Units, path: t.Path, written: t.Path, radius_m: float | None = None) -> Any:
+    def inner(self, value: Any, units: Units, path: t.Path, written: t.Path, reading: _Reading) -> Any:
         """Return a value of the file with the common keys; texts are read in their units, or in those at a radius."""
         if isinstance(value, list):
             return [
-                self.inner(item, units, (*path, index), (*written, index), radius_m) for index, item in enumerate(value)
+                self.inner(item, units, (*path, index), (*written, index), reading) for index, item in enumerate(value)
             ]
         if not isinstance(value, Mapping):
             return value
-        radius_m = _radius_m(value) if path == ("follower",) else radius_m
+        reading = _Reading.of({**self.follower_base, **value}) if path == ("follower",) else reading
         inner: dict[str, Any] = {}
         for key, item in value.items():
             name = units.inner(key)
@@ -111,18 +139,18 @@ class Border:
             unit = unit_of_key(key, units)
             # A mass typed for an inertia may be that of the handle, or of the rotor.
             ambiguous = name == "mass_kg" and path[:1] != ("hands",)
-            typed = self._typed(item, unit, place, None if ambiguous else radius_m) if unit else item
-            inner[name] = self.inner(typed, units, (*path, name), place, radius_m)
+            typed = self._typed(item, unit, place, replace(reading, radius_m=None) if ambiguous else reading)
+            inner[name] = self.inner(typed, units, (*path, name), place, reading)
         return inner
 
-    def _typed(self, value: Any, unit: str, place: t.Path, radius_m: float | None) -> Any:
+    def _typed(self, value: Any, unit: str, place: t.Path, reading: _Reading) -> Any:
         """Return a text with a unit as the number that it is; anything else unchanged."""
-        if isinstance(value, list):
-            return [self._typed(item, unit, (*place, index), radius_m) for index, item in enumerate(value)]
-        if not isinstance(value, str) or not re.search(r"[^-+.\d\seE]", value):
+        if isinstance(value, list) and unit:
+            return [self._typed(item, unit, (*place, index), reading) for index, item in enumerate(value)]
+        if not unit or not isinstance(value, str) or not re.search(r"[^-+.\d\seE]", value):
             return value
         try:
-            return read_quantity(value, unit, radius_m)
+            return reading.samples(value) if unit == "samples" else read_quantity(value, unit, reading.radius_m)
         except ValueError as error:
             self.fault(place, f"is {t.shown(value)}, {error}")
             return value
@@ -139,8 +167,9 @@ class Border:
                 (table, "motion"),
                 f'is {t.shown(motion)}; allowed: "{before}", as in the device of `from`, or leave it out',
             )
-        self._radius_m = None if units.linear else _radius_m({**base, **device})
-        stated = self.inner(device, units, (table,), (table,), self._radius_m)
+        reading = _Reading.of({**base, **device})
+        self._reading = replace(reading, radius_m=None) if units.linear else reading
+        stated = self.inner(device, units, (table,), (table,), self._reading)
         if not units.linear:
             self._counted(stated, (table,))
         complete = overridden(base, stated)
@@ -162,7 +191,7 @@ class Border:
         has_capstan = isinstance(tables.get("device"), Mapping) and CAPSTAN in tables["device"]
         self.rest = LINEAR if has_capstan else units
         without_device = {key: value for key, value in tables.items() if key != "device"}
-        self.tables = self.inner(without_device, self.rest, (), (), self._radius_m)
+        self.tables = self.inner(without_device, self.rest, (), (), self._reading)
         if "device" in tables:
             self.tables["device"] = device
         follower = self.tables.get("follower")
@@ -221,10 +250,14 @@ class Border:
 
 def _radius_m(device: Mapping[str, Any]) -> float | None:
     """Return the radius of a device's handle or capstan; a fault of it is found where it is read."""
-    radius = device.get("handle_radius_m", device.get(CAPSTAN))
+    radii = q.Quantity("m", *q.RADII_M, zero=False)
+    return _read_or_none(device.get("handle_radius_m", device.get(CAPSTAN)), "m", radii)
+
+
+def _read_or_none(value: Any, unit: str, allowed: q.Quantity) -> float | None:
+    """Return a number, or a text with a unit as one; None where it is not allowed."""
     with suppress(ValueError, PydanticCustomError):
-        radius = read_quantity(radius, "m") if isinstance(radius, str) else radius
-        return q.Quantity("m", *q.RADII_M, zero=False)(radius)
+        return allowed(read_quantity(value, unit) if isinstance(value, str) else value)
     return None
 
 

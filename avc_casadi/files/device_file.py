@@ -139,6 +139,7 @@ def with_device(tables: Mapping[str, Any], folder: Path | None) -> Border | t.Fi
             bases[name] = base
             tables[name] = {key: value for key, value in table.items() if key != "from"}
     border = Border()
+    border.follower_base = bases.get("follower", {})
     if "device" not in tables and isinstance(tables.get("simulation"), Mapping):
         border.read_joint(tables)
         return border

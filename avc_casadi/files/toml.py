@@ -60,7 +60,21 @@ def _syntax_fault(parser_message: str, text: str, file: str) -> Fault:
                 '; to change values of a named device, write [device] with from = "name" and the keys that differ'
             )
         return Fault(file, line, "", message)
-    return Fault(file, line, "", f"is not TOML{where}: {visible(reason.lower())}, in: {visible(content)}")
+    advice = _advice_on(content)
+    return Fault(file, line, "", f"is not TOML{where}: {visible(reason.lower())}, in: {visible(content)}{advice}")
+
+
+def _advice_on(content: str) -> str:
+    """Return what to write in place of a number with a decimal comma, or of a value with a unit and no quotation marks.
+
+    Empty where a line is neither.
+    """
+    comma = re.fullmatch(r"([\w.-]{1,60}\s*=\s*[-+]?\d{1,20}),(\d{1,20})\s*(?:#.*)?", content, re.ASCII)
+    if comma:
+        return f"; a decimal point is a dot: {comma[1]}.{comma[2]}"
+    number = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+    unit = re.fullmatch(rf"([\w.-]{{1,60}}\s*=\s*)({number}\s*[^\W\d_][^\"'#=]{{0,40}}?)\s*(?:#.*)?", content)
+    return f'; a value with a unit needs quotation marks: {unit[1]}"{unit[2]}"' if unit else ""
 
 
 _PART = r"""[ \t]*(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*"""

@@ -191,3 +191,68 @@ def test_any_tables_are_a_problem_or_refused_by_key(tables):
 def test_the_symbol_of_a_value_leads_to_its_key(table, symbol, key):
     with pytest.raises(avc.InputError, match=rf"{table}\.{symbol}.* did you mean {key}\?"):
         avc.Problem(**{table: {symbol: 1.0}})
+
+
+@pytest.mark.parametrize(
+    ("line", "write"),
+    [
+        ("mass_kg = 0,12", "a decimal point is a dot: mass_kg = 0.12"),
+        ("mass_kg = -0,12  # of the handle", "a decimal point is a dot: mass_kg = -0.12"),
+        ("mass_kg = 120 g", 'a value with a unit needs quotation marks: mass_kg = "120 g"'),
+        ("sample_time_s = 1kHz # fast", 'a value with a unit needs quotation marks: sample_time_s = "1kHz"'),
+        ("mass_kg = = 3", ""),
+    ],
+)
+def test_a_number_that_is_no_toml_is_answered_with_what_to_write(line, write):
+    (fault,) = faults_of(f"[device]\n{line}\n")
+    assert fault.line == 2
+    assert fault.message.endswith(write or line)
+
+
+@pytest.mark.parametrize(
+    ("key", "typed", "example"),
+    [
+        ("device.mass_kg", "3 N", '"45 g"'),
+        ("device.damping_ns_per_m", "3 N", '"0.012 N.s/mm"'),
+        ("device.delay_samples", "3 N", '"2 ms"'),
+        ("device.sample_time_s", "3 N", '"1 kHz"'),
+        ("device.amplifier_bandwidth_hz", "3 N", '"0.08 kHz"'),
+        ("environment.stiffness_n_per_m", "3 N", '"3 N/mm"'),
+        ("environment.stiffness_n_per_m", "0,3 N/mm", "a decimal point is a dot: 0.3"),
+        ("environment.stiffness_n_per_m", "nan N/m", '"3 N/mm"'),
+    ],
+)
+def test_a_refused_text_names_one_that_is_read(key, typed, example):
+    table, name = key.split(".")
+    tables = {"device": {"mass_kg": 0.1, "damping_ns_per_m": 2.0}}
+    tables["environment"] = {"damping_ns_per_m": 1.0, "stiffness_n_per_m": 1.0}
+    tables[table][name] = typed
+    with pytest.raises(avc.InputError) as refused:
+        avc.certify_law(tables)
+    (fault,) = refused.value.faults
+    assert (fault.key, example in fault.message) == (key, True)
+
+
+@pytest.mark.parametrize(
+    ("device", "samples"),
+    [
+        ('delay_samples = "1 ms"', 1),
+        ('delay_samples = "1 ms"\nsample_time_s = 5e-4', 2),
+        ('delay_samples = "0.3 ms"\nsample_time_s = "4 kHz"', 1.2),
+        ('delay_samples = "2 samples"\nsample_time_s = 5e-4', 2),
+        ('delay_samples = "2 ms"\nfrom = "phantom-omni"\nsample_time_s = 2e-3', 1),
+    ],
+)
+def test_a_delay_may_be_a_time(device, samples):
+    wall = "[environment]\ndamping_ns_per_m = 1\nstiffness_n_per_m = 1\n"
+    stated = avc.parse_problem(f"[device]\nmass_kg = 0.1\ndamping_ns_per_m = 2.0\n{device}\n{wall}").device
+    assert stated.delay_samples == pytest.approx(samples, rel=1e-12)
+
+
+def test_a_range_of_delays_and_a_delay_of_a_follower_are_times_of_their_device():
+    device = "[device]\nmass_kg = 0.1\ndamping_ns_per_m = 2.0\nsample_time_s = 5e-4\ndelay_samples = 2\n"
+    device += '[device.range]\ndelay_samples = ["0.5 ms", "2 ms"]\n'
+    follower = '[follower]\nfrom = "phantom-omni"\nsample_time_s = "500 Hz"\ndelay_samples = "2 ms"\n'
+    problem = avc.parse_problem(device + follower)
+    assert problem.device.range.delay_samples == (1, 4)
+    assert problem.follower.delay_samples == 1
