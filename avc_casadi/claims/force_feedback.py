@@ -22,9 +22,10 @@ from typing import Any
 
 from avc_casadi._errors import InputError
 from avc_casadi._util.json_values import plain
+from avc_casadi._util.page import worded
 from avc_casadi.claims.admittance import HandleVerdict, Interval, SensorAnalysis
 from avc_casadi.claims.handle_port import passivity
-from avc_casadi.claims.law_limits import LawLimits, LimitSide, NumberLaws, nearest_limit
+from avc_casadi.claims.law_limits import BeyondLimit, LawLimits, LimitSide, NumberLaws, nearest_limit
 from avc_casadi.claims.stated_law import noise_gain
 from avc_casadi.files.admittance_file import AnyForceFeedback, as_force_feedback, label_of
 from avc_casadi.loops.handle import leading_poles
@@ -79,16 +80,17 @@ class ForceFeedbackCertificate(HandleVerdict):
     noise_n: float
 
     @property
-    def cause(self) -> str:
-        """Which number of an unstable law is beyond which limit: the gain, where the rest is stable without it."""
+    def beyond(self) -> BeyondLimit:
+        """The number of an unstable law that is beyond a limit: the gain, where the rest is stable without it."""
         gain, (low, high) = self.law.gain_number, self.gain_range or (math.inf, math.inf)
         if low == 0 and self.law.gain > high:
-            return f"{gain.key} {gain.value:.4g} is above its largest, {high:.4g}"
-        beyond = nearest_limit(self.law, self.intervals, self.problem.device.sample_time_s)
-        if beyond.side is LimitSide.NONE_STABLE:
-            return "no change of a single number of the law is enough"
-        side = "below its lowest" if beyond.side is LimitSide.BELOW else "above its largest"
-        return f"{self.problem.units.key(beyond.key)} {beyond.value:.4g} is {side}, {beyond.limit:.4g}"
+            return BeyondLimit(LimitSide.ABOVE, gain.key, gain.value, high)
+        return nearest_limit(self.law, self.intervals, self.problem.device.sample_time_s)
+
+    @property
+    def cause(self) -> str:
+        """Which number of an unstable law is beyond which limit."""
+        return worded(self.beyond, self.problem.units)
 
     def __repr__(self) -> str:
         return f"ForceFeedbackCertificate({'deployable' if self.passed else 'not deployable'}: {self.reason})"

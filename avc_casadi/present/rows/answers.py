@@ -19,6 +19,7 @@ from avc_casadi.claims.engine_port import PortPassivity
 from avc_casadi.claims.force_feedback import ForceFeedbackCertificate
 from avc_casadi.claims.joint import JointCertificate
 from avc_casadi.claims.judged_for import JudgedFor
+from avc_casadi.claims.law_limits import BeyondLimit
 from avc_casadi.claims.level_claims import LevelFinding, LevelName, WhyNotJudged
 from avc_casadi.claims.mass_width import MassWidth
 from avc_casadi.claims.own_law import LawCertificate
@@ -70,6 +71,7 @@ def text_of(result: object) -> str:
 answer_of.register(Recommendation, recommendation)
 answer_of.register(LawCertificate, judge.own_law)
 clauses.register(LawCertificate, law_words.law_clauses)
+clauses.register(BeyondLimit, law_words.beyond_clauses)
 clauses.register(Assumption, assumption_words.assumption_clauses)
 clauses.register(Unused, assumption_words.unused_clauses)
 clauses.register(Ground, proof_words.ground_clauses)

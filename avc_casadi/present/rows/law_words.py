@@ -6,7 +6,7 @@ from avc_casadi._util.page import worded
 from avc_casadi._util.text import quantity
 from avc_casadi._util.units import Units
 from avc_casadi.claims.law_analysis import SpringDamper
-from avc_casadi.claims.law_limits import LimitSide
+from avc_casadi.claims.law_limits import BeyondLimit, LimitSide
 from avc_casadi.claims.own_law import LawCertificate
 from avc_casadi.loops.margins import LEAST_DISK, SOUND_DISK
 from avc_casadi.loops.plant_family import PlantFamily
@@ -80,8 +80,20 @@ def _cause(certificate: LawCertificate, units: Units) -> str:
         late += ", without friction"
     if beyond.side is LimitSide.NONE_STABLE:
         return f"no change of a single number makes the law stable {late}"
+    return f"{_beyond(beyond, units)}, {late}"
+
+
+def beyond_clauses(beyond: BeyondLimit, units: Units) -> tuple[str, ...]:
+    """Return which number of an unstable law is beyond which limit."""
+    if beyond.side is LimitSide.NONE_STABLE:
+        return ("no change of a single number of the law is enough",)
+    return (_beyond(beyond, units),)
+
+
+def _beyond(beyond: BeyondLimit, units: Units) -> str:
+    """Return a number and the limit that it is beyond."""
     side = "below its lowest" if beyond.side is LimitSide.BELOW else "above its largest"
     value, limit = (Value.of(beyond.key, number, 4).text(units) for number in (beyond.value, beyond.limit))
     name = GAINS.get(beyond.key, units.key(beyond.key))
     name = name if units.linear else name.replace("mass", "inertia")
-    return f"{name} {value} is {side}, {limit}, {late}"
+    return f"{name} {value} is {side}, {limit}"
