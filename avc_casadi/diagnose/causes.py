@@ -22,12 +22,13 @@ from avc_casadi.diagnose.mass import apparent_mass_kg
 from avc_casadi.diagnose.oscillation import Log, Oscillation, find_oscillation, log_of
 from avc_casadi.diagnose.plant import Hypothesis, IntendedLaw, stable
 from avc_casadi.diagnose.remedies import LoggedScene, Remedy, remedies_of, without
+from avc_casadi.diagnose.rest import below_limit, rests, toggles_by_a_step
+from avc_casadi.diagnose.should_run import RunComparison, compared_with
 from avc_casadi.diagnose.words import CAUSES, cause_numbers
 from avc_casadi.identification.log import Columns, allowed_sign, require_radius, require_radius_of
 from avc_casadi.identification.read import Layout, read_columns
 from avc_casadi.model.device import Device
 from avc_casadi.model.problem import Hands, defaults_at
-from avc_casadi.simulation.judge import QUIET, vibration_level
 
 Verdict = Literal["named", "cannot tell", "nothing wrong", "not the loop"]
 
@@ -73,21 +74,6 @@ _DEVICE_ALONE = (0.8, 1.25)
 _ABOUT_DEVICE = (0.5, 2.0)
 """The same within which a hand does not decide about the sign of the force."""
 
-_STILL_STEPS = 1.5
-"""Encoder steps, half of peak to peak, up to which a motion is at rest."""
-
-_ONE_STEP = 2.5
-"""Encoder steps, peak to peak, below which a position toggles by one step to either side."""
-
-_RESTED = 0.3
-"""Ratio of the envelope at the end to the largest below which a motion has come to rest."""
-
-_TOUCHING_SHARE = 0.5
-"""Share of a large motion in contact above which its decay tells of the force."""
-
-_AT_LIMIT = 0.999
-"""Share of the force limit from which on a force is at the limit."""
-
 _LEAST_WEIGHT = 1e-3
 """Evidence of a structure below which it has no say."""
 
@@ -128,6 +114,7 @@ class Diagnosis:
     remedies: tuple[Remedy, ...] = ()
     fit: PlantFit | None = None
     notes: tuple[str, ...] = ()
+    compared: RunComparison | None = None
 
     def data(self) -> dict[str, Any]:
         """Return its JSON values."""
@@ -163,6 +150,7 @@ class Diagnosis:
             "encoder_resolution_m": log.encoder_m or None,
             "law": law and {**asdict(law), "explains": law.explains, "filter_hz": law.filter_hz(log.period_s)},
             "measured": self._measured(),
+            "compared": self.compared and self.compared.data(),
         }
         return plain_table(document)
 
@@ -202,7 +190,7 @@ def diagnose(  # noqa: PLR0913 - options by name, of a public call
     seed: int = 0,
     progress: Progress = SILENT,
 ) -> Diagnosis:
-    """Diagnose one log of time, position and commanded force.
+    """Diagnose one log of time, position and commanded force, and compare it with a `coupling` that should have run.
 
     `device` and `hands` are those of the design, by default those of the `coupling`, else usual ones.
     `handle_radius_m` is the radius at which the hand holds a device that turns, by default that of the `device`.
@@ -230,7 +218,10 @@ def diagnose(  # noqa: PLR0913 - options by name, of a public call
     with progress.step("oscillation and force"):
         swing = find_oscillation(grid, limit)
         law = find_law(grid, swing, limit, design.device.coulomb_friction_n)
-    begun = Diagnosis(grid, swing, law, design, "cannot tell", "", flip_force=flip_force, notes=tuple(notes))
+    compared = None if coupling is None else compared_with(coupling, law, swing, grid)
+    begun = Diagnosis(
+        grid, swing, law, design, "cannot tell", "", flip_force=flip_force, notes=tuple(notes), compared=compared
+    )
     law_or_verdict = _at_once(begun)
     if isinstance(law_or_verdict, Diagnosis):
         return law_or_verdict
@@ -278,7 +269,7 @@ def _at_once(diagnosis: Diagnosis) -> Diagnosis | FittedLaw:
     law = diagnosis.law
     design = diagnosis.design
     mass = apparent_mass_kg(log, design.device, known=design.known)
-    toggles = bool(swing.sustained and _toggles(log, swing, design.device))
+    toggles = bool(swing.sustained and toggles_by_a_step(log, swing, design.device))
     if swing.sustained and swing.contact_share == 0:
         text = "it oscillates while no force is commanded; a hand, a cable or the table moves it"
         return _concluded(diagnosis, "not the loop", text)
@@ -323,11 +314,11 @@ def _of_rest(diagnosis: Diagnosis, law: FittedLaw, mass: float, *, toggles: bool
     if is_cut_off(log, law):
         text = _with_rest(diagnosis, "no force is commanded at the end, where its law requires a force")
         return _concluded(diagnosis, "cannot tell", text, "the same with the force on to the end")
-    if swing.rest_from is not None and swing.contact_share and _below_limit(log, design.device.max_force_n):
+    if swing.rest_from is not None and swing.contact_share and below_limit(log, design.device.max_force_n):
         return _concluded(
             diagnosis, "nothing wrong", _with_rest(diagnosis, _decay_words(diagnosis, law, mass, toggles=False))
         )
-    if law.switch is None and _rests(log, swing, design.device.max_force_n):
+    if law.switch is None and rests(log, swing, design.device.max_force_n):
         return _concluded(diagnosis, "nothing wrong", _decay_words(diagnosis, law, mass, toggles=toggles))
     text = "nothing swings, and no motion decays under the force either"
     return _concluded(diagnosis, "cannot tell", text, "a log of a press, a push or a release")
@@ -394,34 +385,6 @@ def _of_sign(diagnosis: Diagnosis, law: FittedLaw, mass: float) -> Diagnosis | N
         return None
     text = f"cannot tell: a hand pushes the device away, or the force does: {why}"
     return replace(diagnosis, conclusion=text, candidates=("sign",), decides=CAUSES["sign"].deciding_log)
-
-
-def _toggles(log: Log, swing: Oscillation, device: Device) -> bool:
-    """Return whether a swing is one step to either side that nobody feels, as it reads or as the force moves a mass."""
-    later_half = slice((swing.first + swing.last) // 2, swing.last)
-    position, force = log.position_m[later_half], log.force_n[later_half]
-    read = np.fft.rfft(position)
-    omega = 2 * math.pi * np.fft.rfftfreq(position.size, log.period_s)
-    moved = np.fft.rfft(force) / (device.mass_kg * np.maximum(omega, omega[1]) ** 2)
-    motion = np.fft.irfft(np.where(np.abs(moved) < np.abs(read), moved, read), position.size)
-    vibration = vibration_level(device.metres_per_unit * motion, log.period_s)
-    return bool(np.ptp(position) < _ONE_STEP * log.encoder_m and vibration < QUIET)
-
-
-def _rests(log: Log, swing: Oscillation, limit_n: float | None) -> bool:
-    """Return whether a motion in contact comes to rest, and not at the force limit."""
-    envelope = swing.envelope_m
-    late, most = float(np.median(envelope[-max(envelope.size // 5, 5) :])), float(envelope.max())
-    still = _STILL_STEPS * log.encoder_m
-    decays = swing.kind == "decaying" or late < max(still, _RESTED * most)
-    if not (decays and most > still and _below_limit(log, limit_n)):
-        return False
-    return bool(log.touching[envelope > _RESTED * most].mean() > _TOUCHING_SHARE)
-
-
-def _below_limit(log: Log, limit_n: float | None) -> bool:
-    """Return whether the force ends below its limit."""
-    return bool(abs(log.force_n[-1]) < _AT_LIMIT * (limit_n or math.inf))
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,6 +15,7 @@ from avc_casadi.diagnose.fit import PlantFit
 from avc_casadi.diagnose.law import FittedLaw
 from avc_casadi.diagnose.oscillation import Log, Oscillation
 from avc_casadi.diagnose.remedies import Remedy
+from avc_casadi.diagnose.should_run import RunComparison
 from avc_casadi.files.plausibility import device_plausibility
 from avc_casadi.identification.device import Estimate, Identification
 from avc_casadi.identification.excitation import Excitation, ExcitationFigures
@@ -195,7 +196,8 @@ def diagnosis(diagnoses: Sequence[Diagnosis]) -> Answer:
     documents = [result.data() for result in diagnoses]
     if len(diagnoses) > 1:
         rows = [
-            row(result.log.name, result.conclusion, mark=_verdict_mark(result)) for result in diagnoses[:_MOST_LOGS]
+            row(result.log.name, result.conclusion, _other_coupling(result), mark=_verdict_mark(result))
+            for result in diagnoses[:_MOST_LOGS]
         ]
         rows += (
             [row("Others", subject.plural(len(diagnoses) - _MOST_LOGS, "log"))] if len(diagnoses) > _MOST_LOGS else []
@@ -204,6 +206,12 @@ def diagnosis(diagnoses: Sequence[Diagnosis]) -> Answer:
     log = diagnoses[0].log
     title = parts(log.name, " ", Value(log.position_m.size * log.period_s, "time"))
     return Answer("diagnose", documents[0], title, tuple(_diagnosis_rows(diagnoses[0])), units=units)
+
+
+def _other_coupling(result: Diagnosis) -> str | None:
+    """Return that a log of several does not run the coupling that should have run."""
+    compared = result.compared
+    return f"; does not run coupling {compared.coupling}" if compared and compared.runs is False else None
 
 
 def _verdict_mark(result: Diagnosis) -> Mark:
@@ -223,6 +231,8 @@ def _diagnosis_rows(result: Diagnosis) -> list[Row]:
         rows.append(row("Ticks", missed, "missing", mark=Mark.CAUTION))
     if result.law is not None:
         rows.append(_fitted_law(result.law, result.log))
+    if result.compared is not None:
+        rows.append(_compared(result.compared, result.law, result.log))
     if result.law is not None and result.fit is not None:
         rows += _fitted_plant(result, result.law, result.fit)
     return [*rows, *subject.notes(result.notes, "Assumed", Mark.NONE, 1)]
@@ -248,6 +258,26 @@ def _fitted_law(law: FittedLaw, log: Log) -> Row:
     period = ("; new every", Value(log.period_s, "time")) if log.hold > 1 else None
     residual = Value(max(law.misfit, _LEAST_MISFIT), "share")
     return row("Force", "k", spring, ", b", damper, "; residual", residual, period)
+
+
+def _compared(compared: RunComparison, law: FittedLaw | None, log: Log) -> Row:
+    """Return whether the log runs the coupling that should have run, with both springs and dampers."""
+    name = f"coupling {compared.coupling}"
+    if compared.runs is None or law is None:
+        why = "" if compared.why_not is None else compared.why_not.value
+        return row("Coupling", f"not compared with {name}: {why}", mark=Mark.CAUTION)
+    stiffness = Value(compared.stiffness_n_per_m, "stiffness")
+    expected = parts("k", stiffness, ", b", Value(compared.damping_ns_per_m, "damping"))
+    if compared.runs:
+        return row("Coupling", f"the force is that of {name} in series with its wall:", expected, mark=Mark.PASS)
+    spring = _gain(law.stiffness_n_per_m, law.stiffness_error_n_per_m, "stiffness")
+    damper = _gain(law.damping_ns_per_m, law.damping_error_ns_per_m, "damping")
+    fitted = parts("k", spring, ", b", damper)
+    if not compared.same_rate(log):
+        fitted += ("every", Value(log.period_s, "time"))
+        expected += ("every", Value(compared.sample_time_s, "time"))
+    differs = f"the log does not run {name}:"
+    return row("Coupling", differs, fitted, "in place of", expected, "in series with its wall", mark=Mark.CAUTION)
 
 
 def _gain(value: float, error: float, quantity: Quantity) -> tuple[Part, ...]:
