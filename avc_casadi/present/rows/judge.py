@@ -24,6 +24,7 @@ from avc_casadi.design.pair_certificate import PairCertificate
 from avc_casadi.design.scene_coupling import SimulatedPair, SimulatedScene
 from avc_casadi.design.tool_region import ToolCurve, ToolRegion
 from avc_casadi.design.virtual_tool import PairFault
+from avc_casadi.loops.damped_wall import RINGS_BELOW
 from avc_casadi.loops.margins import LEAST_DISK, SOUND_DISK
 from avc_casadi.model import EFFECTS
 from avc_casadi.model.effects import SaturationEffect
@@ -247,10 +248,13 @@ def _law_loops(result: LawCertificate) -> list[Row]:
     ratio, hz, swinging = min(
         (case.damping_ratio, case.damping_ratio_hz, which_loop) for which_loop, case in cases.items()
     )
+    damping = subject.damping_ratio(ratio, hz, swinging, result.problem.device.sample_time_s)
+    if result.stable and ratio < RINGS_BELOW:
+        damping = row(damping.label, damping.values, ": lightly damped", mark=Mark.CAUTION)
     return [
         subject.margins({which_loop: case.margins for which_loop, case in cases.items()}, margin_mark),
         subject.settling(None if math.isinf(settling_s) else settling_s, slowest),
-        subject.damping_ratio(ratio, hz, swinging, result.problem.device.sample_time_s),
+        damping,
     ]
 
 

@@ -10,9 +10,11 @@ from typing import Any
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.pair_certificate import PairCertificate
 from avc_casadi.design.virtual_tool import WIDEST_MARGIN
+from avc_casadi.loops.damped_wall import RINGS_BELOW
 from avc_casadi.loops.engine import ToolCase
 from avc_casadi.loops.follower import BilateralCase
 from avc_casadi.loops.loop_family import LeastDampedMode
+from avc_casadi.loops.margins import SETTLING_BAND
 from avc_casadi.model.corners import Robustness
 from avc_casadi.model.ends import End, Follower, Simulation
 from avc_casadi.model.problem import Problem
@@ -182,7 +184,11 @@ def _least_damped(mode: LeastDampedMode) -> list[Row]:
     if mode.damping_ratio >= 1:
         return []
     ratio = Value(mode.damping_ratio, "number", 2), "at", Value(mode.frequency_hz, "frequency")
-    return [row("Damping ratio", ratio, "(least damped loop)")]
+    shown = row(subject.DAMPING_RATIO, ratio, "(least damped loop)")
+    if mode.damping_ratio >= RINGS_BELOW or not math.isfinite(mode.time_constant_s):
+        return [shown]
+    settling = Value(-math.log(SETTLING_BAND) * mode.time_constant_s, "time")
+    return [row(shown.label, shown.values, ": lightly damped, settles in", settling, mark=Mark.CAUTION)]
 
 
 @singledispatch
