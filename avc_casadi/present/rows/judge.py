@@ -379,9 +379,12 @@ def _engine_rate(curve: ToolCurve, problem: Problem) -> Row:
 def walls(result: ZWidth, shown: str = "") -> Answer:
     """Return the answer of `zwidth`: the walls that the device can render."""
     problem = result.definition
-    rows = [_requested_wall(result)]
-    if result.not_used_keys:
-        unused = ", ".join(result.not_used_keys)
+    wall = problem.environment
+    rows = [_requested_wall(result)] if wall.stiffness_n_per_m or wall.damping_ns_per_m else []
+    of_law = "" if problem.law is None else f"zwidth {{}} --over {pieces.number_over(problem.law, problem)}"
+    if of_law:
+        rows.append(row("Not used", "law: these walls are rendered in its place", mark=Mark.CAUTION))
+    if unused := ", ".join(key for key in result.not_used_keys if key != "law"):
         rows.append(row("Not used", f"{unused}: declared, but not part of these claims", mark=Mark.CAUTION))
     curve_of = result.curve_of
     rows += [_stiffest_wall(label, curve_of[key], result) for key, label in _CURVES.items() if key in curve_of]
@@ -390,7 +393,7 @@ def walls(result: ZWidth, shown: str = "") -> Answer:
         source = "for a passive wall, 2 f_c/Delta (Abbott and Okamura 2005)"
         rows.append(row("Encoder limit", Value(result.encoder_limit_n_per_m, "stiffness"), source))
     rows += subject.notes((worded(refusal, problem.units) for refusal in result.refused), "Not judged")
-    return subject.answer("zwidth", result.document(), problem, shown, rows, "recommend {} --stiffest")
+    return subject.answer("zwidth", result.document(), problem, shown, rows, of_law or "recommend {} --stiffest")
 
 
 def _requested_wall(result: ZWidth) -> Row:

@@ -15,6 +15,7 @@ from avc_casadi.model.control_law import (
     TicksVelocity,
     WindowVelocity,
 )
+from avc_casadi.model.problem import Problem
 from avc_casadi.present.row import Mark, Part, Parts, Row, Value, caution, commas, grade, parts, quantity_of, row, span
 
 GAINS = {
@@ -181,3 +182,11 @@ def force_noise(result: LawCertificate) -> Row:
 def _felt(felt: bool, limit_n: float) -> tuple[Part, ...]:
     """Return whether noise is felt, and from where on it is."""
     return parts(f", {'felt' if felt else 'not felt'} (limit", Value(limit_n, "force"), ")")
+
+
+def number_over(law: ControlLaw, problem: Problem) -> str:
+    """Return the key of a number over which the stable springs of a law are drawn: its damping, or another."""
+    keys = [number.key for number in law.numbers(problem.device.sample_time_s)]
+    others = [key for key in keys if key != "stiffness_n_per_m"]
+    damping = "damping_ns_per_m"
+    return problem.units.key(damping if damping in keys or not others else others[0])

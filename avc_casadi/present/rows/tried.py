@@ -22,6 +22,7 @@ def law_trial(result: LawTrial, shown: str = "") -> Answer:
         *_released(case),
         *_relay(result),
         *_with_friction("Least friction", result.least_friction, result.hands, judged=True),
+        *_assumed_friction(result),
         *_with_friction("No friction", result.without_friction, result.hands, judged=False),
         *_rendered(case),
     ]
@@ -101,6 +102,15 @@ def _with_friction(label: str, case: LawCase | None, hands: int, *, judged: bool
     first, *further = [group for group in groups if group is not None]
     text: Parts = (first, commas(further)) if case.friction_n else commas([first, *further])
     yield row(label, text, mark=grade(rests) if judged else Mark.NONE)
+
+
+def _assumed_friction(result: LawTrial) -> Iterator[Row]:
+    """Yield that the least friction is an assumption, and the key that states it."""
+    problem = result.problem
+    if result.least_friction is None or problem.device.range.coulomb_friction_n is not None:
+        return
+    key = problem.units.key("device.range.coulomb_friction_n")
+    yield row("Assumed", f"friction wears off and varies: half of the declared counts; state {key} if you know it")
 
 
 def _rendered(case: LawCase) -> Iterator[Row]:
