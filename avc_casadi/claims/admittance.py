@@ -377,6 +377,16 @@ class AdmittanceCertificate(HandleVerdict):
         return self.problem.units.document(plain({**own, **numbers}))
 
 
+def unstable_at_corners_hz(problem: AdmittanceProblem, law: VirtualImpedance) -> float | None:
+    """Return where a law swings that is unstable at a corner of the ranges; None where none is, without a search."""
+    analysis = HandleAnalysis(problem)
+    poles = OpenLoop.around(plants_of(analysis.pairs), law.law(analysis.period_s)).poles
+    worst = complex(poles.flat[int(np.abs(poles).argmax())])
+    if abs(worst) < 1 - RADIUS_TOLERANCE:
+        return None
+    return abs(float(np.angle(worst))) / (2 * math.pi * analysis.period_s)
+
+
 def certify_admittance(
     problem: AnyAdmittance,
     *,

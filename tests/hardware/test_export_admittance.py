@@ -15,6 +15,7 @@ from hardware_bench import require, run, scratch
 from quick import first
 
 import avc_casadi as avc
+from avc_casadi.claims.admittance import unstable_at_corners_hz
 from avc_casadi.cli import main
 from avc_hardware import admittance_files
 from avc_hardware.codegen.admittance_export import HELD_SAMPLES, STOP_S, FaultBounds
@@ -103,6 +104,18 @@ def test_clang_and_another_name_compile(tmp_path, monkeypatch, capsys):
     assert {path.name for path in tmp_path.joinpath("firmware").iterdir()} == {"pedal.c", "pedal.h"}
     require("g++")
     run("g++", "-std=c++11", "-c", "-Werror", "-x", "c++", "firmware/pedal.c", "-o", "p.o")
+
+
+def test_what_swings_with_hands_between_the_corners_alone_is_refused_too():
+    sensor = {"stiffness_n_per_m": 365826.0, "damping_ratio": 0.037, "handle_mass_kg": 0.407, "max_force_n": 100.0}
+    drive = {"drive_bandwidth_hz": 86.5, "drive_order": 2, "drive_damping_ratio": 0.743, "max_speed_m_per_s": 0.5}
+    law = {"mass_kg": 1.03, "damping_ns_per_m": 2300.0, "cutoff_hz": 152.0}
+    device = {"drive": "velocity", **drive, "sample_time_s": 4e-3, "delay_samples": 2, "force_sensor": sensor}
+    hands = {"mass_kg": [0.1, 1.8], "damping_ns_per_m": [5.3, 8.7], "stiffness_n_per_m": [586.0, 856.0]}
+    between = avc.AdmittanceProblem.model_validate({"device": device, "law": {"admittance": law}, "hands": hands})
+    assert unstable_at_corners_hz(between, between.law.admittance) is None
+    with pytest.raises(avc.NotDeployableError, match="unstable: it swings at"):
+        admittance_files(between)
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from avc_casadi import InputError, NotDeployableError
 from avc_casadi._errors import Fault
-from avc_casadi.claims.admittance import HandleAnalysis, certify_admittance
+from avc_casadi.claims.admittance import HandleAnalysis, certify_admittance, unstable_at_corners_hz
 from avc_casadi.claims.sensor_motion import SensorLoops
 from avc_casadi.model.admittance import AdmittanceProblem, VirtualImpedance
 from avc_casadi.simulation.emit import Precision
@@ -297,18 +297,26 @@ def admittance_files(
     """
     chosen = c_frame.checked(precision, name)
     law = _required(problem)
+    # An unstable law is refused before the ranges are searched.
+    swings_hz = None if unsafe else unstable_at_corners_hz(problem, law)
+    if swings_hz is not None:
+        raise _refusal(problem, f"unstable: it swings at {swings_hz:.3g} Hz")
     certificate = certify_admittance(problem, remedies=False, limits=False)
     if not certificate.passed and not unsafe:
-        raise NotDeployableError(
-            f"{problem.typed_name}: {certificate.reason}; avc certify {problem.typed_name} says what would help. "
-            "--unsafe (in Python unsafe=True) overrides."
-        )
+        raise _refusal(problem, certificate.reason)
     verdict = f"{'deployable' if certificate.passed else 'NOT DEPLOYABLE, exported by request'}: {certificate.reason}"
     bounds = FaultBounds.of(problem, law)
     files = c_frame.header_and_source(
         _header(problem, law, bounds, verdict, chosen), _source(problem, law, bounds, chosen)
     )
     return c_frame.named(files, name)
+
+
+def _refusal(problem: AdmittanceProblem, reason: str) -> NotDeployableError:
+    return NotDeployableError(
+        f"{problem.typed_name}: {reason}; avc certify {problem.typed_name} says what would help. "
+        "--unsafe (in Python unsafe=True) overrides."
+    )
 
 
 def _required(problem: AdmittanceProblem) -> VirtualImpedance:
