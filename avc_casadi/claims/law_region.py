@@ -83,7 +83,10 @@ def law_region(problem: AnyProblem, over: str, progress: Progress = SILENT) -> L
     stated = at_own_rate(declared)
     law, period_s = stated.law, stated.device.sample_time_s
     if law is None:
-        raise UnsupportedError("has no table [law], and --over is a number of it; state your controller", key="law")
+        named = stated.name or "it"
+        raise UnsupportedError(
+            f"{named} has no table [law], and --over is a number of it; state your controller", key="law"
+        )
     numbers = law.numbers(period_s)
     first = _named(numbers, over, stated)
     second = next((number for number in numbers if number.linear and number.path != first.path), None)

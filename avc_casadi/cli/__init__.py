@@ -67,6 +67,7 @@ class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         of_argument = re.match(r"argument ([^:]+): (.*)", message, re.DOTALL)
         key, fault = (of_argument[1], of_argument[2]) if of_argument else ("", message)
+        key = next((name for name in key.split("/") if name.startswith("--")), key)
         wrong_choice = re.match(r"invalid choice: '([^']*)'", fault)
         if key == _VERB and wrong_choice:
             typed = wrong_choice[1]

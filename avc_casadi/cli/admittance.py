@@ -7,7 +7,7 @@ import argparse
 import avc_casadi as avc
 from avc_casadi.cli import arguments as cli
 from avc_casadi.cli.console import Console, write_figure
-from avc_casadi.cli.law import read_numbers
+from avc_casadi.cli.law import faults_of_keys, read_numbers
 from avc_casadi.files.admittance_file import dump_admittance, load_sensor_problem
 from avc_casadi.present import rows
 from avc_casadi.present.row import Answer
@@ -34,7 +34,8 @@ def checked(source: str) -> Answer:
 def certified(args: argparse.Namespace, console: Console) -> Answer:
     """Return the answer of `certify` of the law of the file, or of that with values that are typed."""
     problem = load_sensor_problem(args.problem)
-    others = ("gains", "prove", "proof_out", "b_p", "ki", "velocity", "notch")
+    pieces = ("b_p", "ki", "velocity", "notch", "friction_compensation")
+    others = ("gains", "prove", "proof_out", "lean_on_friction", *pieces)
     if isinstance(problem, avc.ForceFeedbackProblem):
         cli.refuse(args, *others, *_LAW, why="is no option of a device with a force sensor; state its law in [law]")
         with console.step("force feedback"):
@@ -42,7 +43,8 @@ def certified(args: argparse.Namespace, console: Console) -> Answer:
     cli.refuse(args, *others, why=_OF_FORCES)
     read_numbers(args, problem.units, problem.device.handle_radius_m)
     typed = {key: getattr(args, option) for option, key in _LAW.items() if getattr(args, option) is not None}
-    with console.step("admittance law"):
+    options = {problem.units.key(key): option for option, key in _LAW.items() if key in typed}
+    with console.step("admittance law"), faults_of_keys(options):
         return rows.admittance.certificate(avc.certify_admittance(problem, law=typed, progress=console), args.problem)
 
 
@@ -51,6 +53,7 @@ def recommended(args: argparse.Namespace, console: Console) -> Answer:
     problem = load_sensor_problem(args.problem)
     refused = "is an option of devices that are commanded a force and have no force sensor; leave it out"
     cli.refuse(args, "stiffest", "lean_on_friction", "prove", "trade_off", why=refused)
+    cli.refuse(args, "frequency", why="is of a joint that an engine moves, and P has a device; leave it out")
     if args.out is not None and args.out.suffix.lower() != ".toml":
         raise avc.InputError.of("ends in .json; allowed: .toml, the file of the device with its law", key="out")
     if isinstance(problem, avc.ForceFeedbackProblem):

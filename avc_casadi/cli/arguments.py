@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 import math
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from shlex import quote
 from tempfile import TemporaryFile
@@ -41,8 +42,26 @@ def verb(*arguments: Argument) -> Callable[[Run], Run]:
     return declared
 
 
+class _Once(argparse.Action):
+    """Keep the value of an option, and refuse a second one, under any of its names."""
+
+    def __call__(
+        self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, option_string: Any = None
+    ) -> None:
+        del parser
+        given = vars(namespace).setdefault("given", {})
+        if self.dest in given:
+            first = given[self.dest]
+            how = "twice" if first == option_string else f"as {first} and as {option_string}"
+            raise argparse.ArgumentError(self, f"is given {how}; give it once")
+        given[self.dest] = option_string
+        setattr(namespace, self.dest, values)
+
+
 def argument(*names: str, text: str, **options: Any) -> Argument:
-    """Return an argument."""
+    """Return an argument; an option that takes a value takes it once."""
+    if names[0].startswith("-"):
+        options = {"action": _Once, **options}
     return names, {"help": text, **options}
 
 
@@ -189,6 +208,20 @@ def log_options(args: argparse.Namespace) -> dict[str, Any]:
 
 
 OF_WALLS = "applies to walls only, but P has a [simulation] or [follower]; leave it out"
+
+
+@contextmanager
+def faults_of(option: str) -> Iterator[None]:
+    """Let faults of the value of an option, which are found inside, name the option."""
+    try:
+        yield
+    except avc.InputError as error:
+        faults = []
+        for fault in error.faults:
+            part = fault.key.rpartition(".")[2]
+            message = f"{part} {fault.message}" if part and not part.startswith(option) else fault.message
+            faults.append(avc.Fault("", None, option, message))
+        raise avc.InputError(faults) from error
 
 
 def refuse(args: argparse.Namespace, *options: str, why: str) -> None:

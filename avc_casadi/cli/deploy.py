@@ -61,8 +61,10 @@ def run_export(args: argparse.Namespace, console: Console) -> Answer:
     from avc_casadi.model.ends import Simulation
     from avc_hardware.codegen.pair_export import pair_verdict
 
-    if (args.c is None) == (args.parameters is None):
+    if args.c is None and args.parameters is None:
         raise avc.InputError.of("is missing; give either --c DIR or --parameters ENGINE", key="c")
+    if args.c is not None:
+        cli.refuse(args, "parameters", why="excludes --c: it writes no C; leave one of the two options out")
     if is_admittance(args.gains):
         return _admittance_exported(args, console)
     if not cli.is_coupling(args.gains) and states_law(args.gains, args.problem):

@@ -30,6 +30,7 @@ from avc_casadi.cli.console import Console, output_folder, write_figure
 from avc_casadi.cli.law import hertz
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.pair_certificate import certify_pair
+from avc_casadi.design.registry import METHODS
 from avc_casadi.design.scene_coupling import SimulatedPair, SimulatedScene, law_scene, scene_coupling, scene_notes
 from avc_casadi.design.tool_region import tool_region
 from avc_casadi.design.virtual_tool import search_of
@@ -200,7 +201,7 @@ def recommended(end: End, problem: avc.Problem, args: argparse.Namespace, consol
 def _recommended_of_joint(end: Joint, problem: avc.Problem, args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG001
     cli.refuse(args, "out", "stiffest", "lean_on_friction", "prove", "trade_off", why=_OF_DEVICES)
     frequency_hz = None if args.frequency is None else hertz(args.frequency, "frequency")
-    with console.step("kp and kd of the joint"):
+    with console.step("kp and kd of the joint"), cli.faults_of("frequency"):
         return rows.joint.recommendation(avc.recommend_joint(problem, frequency_hz), args.problem)
 
 
@@ -219,6 +220,7 @@ def _pair_certified(
 @singledispatch
 def simulated(end: End, subject: GivenCoupling, args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG001
     """Return the answer of `simulate`: of an end that no scene has, the scene of the device with its wall."""
+    compared = _compared(args)
     problem, notes = require_device(subject.problem), subject.notes
     given: Coupling | GainSchedule | Gains | None = subject.coupling
     if given is None and problem.law is not None:
@@ -227,9 +229,6 @@ def simulated(end: End, subject: GivenCoupling, args: argparse.Namespace, consol
     if given is None:
         with console.step(f"coupling: {problem.scene.coupling}"):
             given, notes = scene_coupling(problem), scene_notes(problem)
-    compared = [] if args.against is None else args.against.split(",")
-    if len(compared) > 3:  # a figure holds four runs that one can tell apart
-        raise avc.InputError.of(f"names {len(compared)}; allowed: at most 3", key="against")
     table = given.schedule if isinstance(given, Coupling) else given
     why = missing_rest_gains(table) if isinstance(table, GainSchedule) else ""
     if why:
@@ -245,6 +244,17 @@ def simulated(end: End, subject: GivenCoupling, args: argparse.Namespace, consol
     trace = _trace(runs[0], args, console)
     result = replace(result, notes=tuple(notes), trace=trace, against=tuple(runs[1:]))
     return rows.judge.scene(result, problem, args.problem)
+
+
+def _compared(args: argparse.Namespace) -> list[str]:
+    """Return the couplings of --against: `none`, or names of methods."""
+    compared = [] if args.against is None else [name.strip() for name in args.against.split(",")]
+    if len(compared) > 3:  # a figure holds four runs that one can tell apart
+        raise avc.InputError.of(f"names {len(compared)}; allowed: at most 3", key="against")
+    for name in compared:
+        if name != "none":
+            METHODS.named(name, key="against")
+    return compared
 
 
 @simulated.register
@@ -271,7 +281,7 @@ def _trace(run: avc.Run, args: argparse.Namespace, console: Console) -> Path | N
 
 def region_of_law(problem: avc.Problem, args: argparse.Namespace, console: Console) -> Answer:
     """Return the answer of `zwidth --over`: the stable k of a stated law over another number."""
-    with console.step(f"stable gains over {args.over}"):
+    with console.step(f"stable gains over {args.over}"), cli.faults_of("over"):
         stable = law_region(problem, args.over, console)
     write_figure(console, args.plot, lambda: avc.figures.draw_law_region(stable))
     return rows.law_region.law_region(stable, args.problem)

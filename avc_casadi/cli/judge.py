@@ -63,6 +63,9 @@ def run_certify(args: argparse.Namespace, console: Console) -> Answer:
     of_plain_law = ("k", "b", "b_p", "cutoff_hz")
     of_pieces = ("ki", "virtual_mass", "velocity", "notch", "friction_compensation")
     typed = any(getattr(args, key) is not None for key in (*of_plain_law, *of_pieces))
+    if cli.is_coupling(args.problem):
+        why = f"does not apply to {args.problem}, which has gains; leave it out, or give a problem for your own gains"
+        cli.refuse(args, *of_plain_law, *of_pieces, why=why)
     if typed or states_law(args.problem, args.gains):
         cli.refuse(args, "prove", "proof_out", "gains", why="does not apply to your own gains; leave it out")
         problem = law_problem(args.problem)

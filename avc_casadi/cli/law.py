@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import argparse
 import re
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any
 
 import avc_casadi as avc
 from avc_casadi._util.units import Units
+from avc_casadi.cli import arguments as cli
 from avc_casadi.files.border import in_keys_of
 from avc_casadi.files.problem_file import is_device
 from avc_casadi.model.control_law import VELOCITIES
+from avc_casadi.model.ends import Wall
 from avc_casadi.model.joint import Joint
 from avc_casadi.model.table import shown
 from avc_casadi.model.unit_text import read_quantity, unit_of_key
@@ -23,6 +27,8 @@ _NUMBERS = {
     "virtual_mass": "virtual_mass_kg",
 }
 """Options that state a number of a law, and its key."""
+_KEYS = {**_NUMBERS, "velocity": "velocity", "friction_compensation": "friction_compensation", "notch": "filters"}
+"""Options that state a piece of a law, and its key."""
 
 FULL_SPEED_M_PER_S = 0.02
 """Speed at the handle from which a typed friction compensation pushes with all of its force, unless one is typed."""
@@ -44,8 +50,12 @@ def law_pieces(args: argparse.Namespace, units: Units, handle_radius_m: float | 
     """Return the keys of a table [law] that options other than k, b, b_p and cutoff state."""
     gains = {"integral_n_per_m_s": args.ki, "virtual_mass_kg": args.virtual_mass}
     keys: dict[str, Any] = {key: value for key, value in gains.items() if value is not None}
+    if args.velocity is not None and args.cutoff_hz is not None:
+        why = f"is a low-pass of the velocity, and --velocity is {shown(args.velocity)}; give one of the two options"
+        raise avc.InputError.of(why, key="cutoff_hz")
     if args.velocity is not None:
-        keys["velocity"] = _velocity(args.velocity)
+        with cli.faults_of("velocity"):
+            keys["velocity"] = _velocity(args.velocity)
     if args.friction_compensation is not None:
         keys["friction_compensation"] = _compensation(args.friction_compensation, units, handle_radius_m)
     if args.notch is not None:
@@ -62,10 +72,37 @@ def states_law(source: str, gains: str | None) -> bool:
 
 
 def with_pieces(problem: avc.Problem, pieces: dict[str, Any], law: dict[str, float]) -> avc.Problem:
-    """Return a problem with pieces in its law; a law that it has not is one of what is typed alone."""
+    """Return a problem with pieces in its law; a law that it has not is one of what is typed alone.
+
+    A problem whose end has no law is returned as it is: the end refuses the pieces.
+    """
+    if not isinstance(problem.end, Wall | Joint):
+        return problem
     typed = {key: law[name] for name, key in _TYPED.items() if name in law} if problem.law is None else {}
-    with in_keys_of(problem.units):
-        return problem.changed(law={**typed, **pieces})
+    keys = {**typed, **pieces}
+    options = {key: option for option, key in _KEYS.items() if key in keys}
+    with in_keys_of(problem.units), faults_of_keys(options):
+        return problem.changed(law=keys)
+
+
+@contextmanager
+def faults_of_keys(options: Mapping[str, str]) -> Iterator[None]:
+    """Let faults of keys of [law], which are found inside, name the options that state these keys."""
+    try:
+        yield
+    except avc.InputError as error:
+        raise avc.InputError([_of_option(fault, options) for fault in error.faults]) from error
+
+
+def _of_option(fault: avc.Fault, options: Mapping[str, str]) -> avc.Fault:
+    """Return a fault as that of the option that states its key; one of another key unchanged."""
+    key = fault.key.removeprefix("law.").removeprefix("admittance.")
+    option = next((option for stated, option in options.items() if re.match(rf"{stated}(\W|$)", key)), None)
+    if option is None:
+        return fault
+    part = key.rpartition(".")[2]
+    message = fault.message if part == key else f"{part} {fault.message}"
+    return avc.Fault("", None, option, message)
 
 
 def _compensation(typed: str, units: Units, handle_radius_m: float | None) -> dict[str, float]:

@@ -52,6 +52,9 @@ def run_excite(args: argparse.Namespace, console: Console) -> Answer:
     """
     from avc_casadi.identification.excitation import plan_excitation
 
+    if args.port != avc_hardware.EMULATOR:
+        why = f"emulates a device, and --port {args.port} is a real one; leave it out, or use --port emulator"
+        cli.refuse(args, "on_bench", why=why)
     device = cli.load_any_device(args.device)[0].device
     on_bench = cli.load_any_device(args.on_bench or args.device)[0].device
     limits = cli.of_motion(args, device.units, "force_n", "speed_m_per_s", "travel_m")

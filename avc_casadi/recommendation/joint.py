@@ -107,7 +107,7 @@ def recommend_joint(problem: AnyProblem, frequency_hz: float | None = None) -> J
         frequency_hz: natural frequency that the heaviest joint of the range shall have.
 
     Raises:
-        InputError: a problem with a device, or a frequency of half the step rate or more.
+        InputError: a problem with a device, or a frequency that is not above 0 and below half the step rate.
 
     Example:
         >>> joint = {"simulation": {"tool_mass_kg": 0.01, "step_s": 0.005, "integrator": "implicit-damping"}}
@@ -118,8 +118,8 @@ def recommend_joint(problem: AnyProblem, frequency_hz: float | None = None) -> J
     velocity = stated.law is not None and "velocity" in stated.law.model_fields_set
     engine = stated.end_as(Joint).engine
     half_rate_hz = 0.5 / engine.step_s[1]
-    if frequency_hz is not None and frequency_hz >= half_rate_hz:
-        allowed = f"below {half_rate_hz:g} Hz, half the rate of simulation.step_s"
+    if frequency_hz is not None and not 0 < frequency_hz < half_rate_hz:
+        allowed = f"above 0 and below {half_rate_hz:g} Hz, half the rate of simulation.step_s"
         raise InputError.of(f"is {frequency_hz:g}; allowed: {allowed}", key="frequency_hz")
     search = _JointSearch(JointFamily(engine), difference=velocity)
     stiffest, limited = search.stiffest()

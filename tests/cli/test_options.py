@@ -1,12 +1,14 @@
 """An option is checked before anything is computed, and its fault names the option with what is allowed."""
 
+import argparse
 import json
 import math
 
 import numpy as np
 import pytest
 
-from avc_casadi.cli import build_parser, main
+import avc_casadi as avc
+from avc_casadi.cli import VERBS, build_parser, main
 
 
 @pytest.fixture(autouse=True)
@@ -159,3 +161,111 @@ def test_traces_leave_a_coupling_of_their_name(tmp_path, capsys):
     fault = refused(capsys, "simulate", "figure5", "--trace", "mine.npz")
     assert fault["key"] == "--trace"
     assert "'mine.json'" in fault["message"]
+
+
+WALL_FILE = PROBLEM_FILE.replace("damping_ns_per_m = 1.0", "damping_ns_per_m = 1.0\nmax_force_n = 8.0", 1)
+LAW_FILE = f"{WALL_FILE}[law]\nstiffness_n_per_m = 300.0\nvelocity = {{ kind = 'low-pass', cutoff_hz = 60.0 }}\n"
+TOOL_FILE = f"{WALL_FILE[: WALL_FILE.index('[environment]')]}[simulation]\ntool_mass_kg = 0.1\nstep_s = 0.01\n"
+JOINT_FILE = "[simulation]\ntool_mass_kg = 0.1\nstep_s = 0.005\n"
+ADMITTANCE_FILE = """[device]
+drive = "velocity"
+drive_bandwidth_hz = 15.0
+[device.force_sensor]
+stiffness_n_per_m = 1e6
+handle_mass_kg = 0.3
+[law]
+admittance = { mass_kg = 12.0, damping_ns_per_m = 60.0 }
+"""
+FILES = {
+    "wall.toml": WALL_FILE,
+    "law.toml": LAW_FILE,
+    "tool.toml": TOOL_FILE,
+    "joint.toml": JOINT_FILE,
+    "sensor.toml": ADMITTANCE_FILE,
+    "coupling.json": '{"schema": "avc-coupling/1"}',
+}
+
+
+@pytest.fixture
+def _files(tmp_path):
+    for name, text in FILES.items():
+        (tmp_path / name).write_text(text)
+
+
+@pytest.mark.usefixtures("_files")
+@pytest.mark.parametrize(
+    ("command", "key", "words"),
+    [
+        (["certify", "wall.toml", "--k", "3000", "--velocity", "window 0"], "--velocity", "samples is 0"),
+        (["certify", "wall.toml", "--k", "3000", "--velocity", "kalman 1e9Hz"], "--velocity", "bandwidth_hz is"),
+        (["certify", "wall.toml", "--k", "3000", "--notch", "700 Hz"], "--notch", "below 500 Hz"),
+        (["certify", "wall.toml", "--k", "3000", "--ki=-3"], "--ki", "is -3"),
+        (["certify", "wall.toml", "--k", "3000", "--virtual-mass=-1"], "--virtual-mass", "is -1"),
+        (["certify", "law.toml", "--notch", "700 Hz"], "--notch", "below 500 Hz"),
+        (["certify", "tool.toml", "--k", "10", "--ki", "3"], "--ki", "applies to walls only"),
+        (["certify", "joint.toml", "--kp", "10", "--ki", "3"], "--ki", "no part of the law of a joint"),
+        (["certify", "sensor.toml", "--b=-3"], "--b", "is -3"),
+        (["simulate", "wall.toml", "--against", "foo"], "--against", "'foo' is not a known method"),
+        (["zwidth", "law.toml", "--over", "foo"], "--over", "no number of the law"),
+        (["recommend", "joint.toml", "--frequency=-5"], "--frequency", "is -5; allowed: above 0 and below 100 Hz"),
+        (["recommend", "joint.toml", "--frequency", "0"], "--frequency", "is 0; allowed: above 0 and below 100 Hz"),
+        (["recommend", "joint.toml", "--frequency", "100"], "--frequency", "is 100; allowed: above 0 and below 100 Hz"),
+    ],
+)
+def test_a_fault_of_the_value_of_an_option_names_the_option_and_no_file(command, key, words, capsys):
+    fault = refused(capsys, *command)
+    assert (fault["file"], fault["key"]) == ("command line", key)
+    assert words in fault["message"]
+
+
+@pytest.mark.usefixtures("_files")
+@pytest.mark.parametrize(
+    ("command", "key", "words"),
+    [
+        (["certify", "law.toml", "--cutoff-hz", "30", "--velocity", "kalman 40 Hz"], "--cutoff-hz", "--velocity"),
+        (["certify", "wall.toml", "--k=9", "--cutoff-hz=30", "--velocity=difference"], "--cutoff-hz", "--velocity"),
+        (["certify", "coupling.json", "--k", "3000"], "--k", "coupling.json, which has gains"),
+        (["export", "coupling.json", "--c", "x", "--parameters", "unity"], "--parameters", "excludes --c"),
+        (["excite", "wall.toml", "--port", "COM7", "--on-bench", "wall.toml"], "--on-bench", "--port COM7"),
+        (["certify", "sensor.toml", "--friction-compensation", "3N"], "--friction-compensation", "commanded a force"),
+        (["recommend", "sensor.toml", "--frequency", "5"], "--frequency", "leave it out"),
+    ],
+)
+def test_options_that_contradict_each_other_or_the_file_are_refused_with_both_named(command, key, words, capsys):
+    fault = refused(capsys, *command)
+    assert fault["key"] == key
+    assert words in fault["message"]
+
+
+def of_one_value():
+    """Yield a verb, the names of an option that takes a value, and how it is declared."""
+    for verb, (_, arguments) in VERBS.items():
+        for names, options in arguments:
+            if names[0].startswith("--") and options.get("action") not in ("append", "store_true"):
+                yield verb, names, options
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_an_option_that_takes_one_value_is_given_once(verb):
+    for name, names, options in of_one_value():
+        if name != verb:
+            continue
+        accepted = next(
+            value
+            for value in (*options.get("choices", ()), "1", "1,2", "a.csv", "a.toml", "a.npz", "a.png")
+            if "type" not in options or takes(options["type"], value)
+        )
+        for second in names:
+            arguments = [verb, f"{names[0]}={accepted}", f"{second}={accepted}"]
+            with pytest.raises(avc.InputError, match="give it once") as refusal:
+                build_parser().parse_args(arguments)
+            assert refusal.value.faults[0].key == names[0]
+
+
+def takes(read, value):
+    """Return whether the reader of an option takes a value."""
+    try:
+        read(value)
+    except argparse.ArgumentTypeError:
+        return False
+    return True
