@@ -84,6 +84,13 @@ def test_a_number_as_typed_has_the_limits_of_its_key(option, problem, capsys):
     assert "is 1e+30; allowed: " in capsys.readouterr().err
 
 
+def test_a_verdict_stands_next_to_the_values_that_may_be_slips(tmp_path, capsys):
+    light = tmp_path / "light.toml"
+    light.write_text("[device]\nmass_kg = 0.00012\ndamping_ns_per_m = 0.8\n[law]\nstiffness_n_per_m = 3\n")
+    main(["certify", str(light)])
+    assert "device.mass_kg is 0.00012: usual 0.005 to 30" in " ".join(capsys.readouterr().out.split())
+
+
 def test_gains_with_and_without_a_unit_are_the_same_law(capsys):
     certificates = []
     for typed in (["--k", "300", "--b", "2"], ["--kp", "0.3 kN/m", "--kd=2000mN.s/m"]):

@@ -7,7 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import avc_casadi as avc
-from avc_casadi.files.plausibility import plausibility
+from avc_casadi.files.admittance_file import load_sensor_problem
+from avc_casadi.files.catalogue import admittance_names, catalogue_names, device_names
+from avc_casadi.files.plausibility import USUAL, device_plausibility, plausibility
 from avc_casadi.files.problem_file import load_any
 from avc_casadi.recommendation.preconditions import assumed
 
@@ -95,6 +97,90 @@ def test_an_unlikely_value_is_doubted_and_valid(tables, key):
     (doubt,) = plausibility(problem)
     assert doubt.key == key
     assert any(f"{key} {doubt.message}" in assumption.text for assumption in assumed(problem))
+
+
+OWN_LAW = {"stiffness_n_per_m": 500.0, "damping_ns_per_m": 5.0}
+FOLLOWER = {"mass_kg": 0.3, "damping_ns_per_m": 1.0}
+ENGINE = {"step_s": 0.002, "tool_mass_kg": 0.2}
+WINDOW = {"kind": "window", "samples": 250}
+COMPENSATION = {"force_n": 500.0, "velocity_m_per_s": 0.02}
+
+
+@pytest.mark.parametrize(
+    ("tables", "key"),
+    [
+        ({"simulation": ENGINE | {"tool_mass_kg": 200.0}}, "simulation.tool_mass_kg"),
+        ({"simulation": ENGINE | {"tool_mass_kg": [0.002, 90.0]}}, "simulation.tool_mass_kg"),
+        ({"simulation": ENGINE | {"step_s": 2.0}}, "simulation.step_s"),
+        ({"simulation": ENGINE | {"position_scale": 1000.0}}, "simulation.position_scale"),
+        ({"follower": FOLLOWER | {"mass_kg": 300.0}}, "follower.mass_kg"),
+        ({"follower": FOLLOWER | {"range": {"mass_kg": [0.3, 300.0]}}}, "follower.range.mass_kg"),
+        ({"follower": FOLLOWER | {"position_scale": 1000.0}}, "follower.position_scale"),
+        ({"law": OWN_LAW | {"stiffness_n_per_m": 1e6}}, "law.stiffness_n_per_m"),
+        ({"law": OWN_LAW | {"damping_ns_per_m": 5000.0}}, "law.damping_ns_per_m"),
+        ({"law": OWN_LAW | {"local_damping_ns_per_m": -5000.0}}, "law.local_damping_ns_per_m"),
+        ({"law": OWN_LAW | {"dead_zone_m": 0.5}}, "law.dead_zone_m"),
+        ({"law": OWN_LAW | {"velocity": WINDOW}}, "law.velocity.samples"),
+        ({"law": OWN_LAW | {"friction_compensation": COMPENSATION}}, "law.friction_compensation.force_n"),
+        (
+            {
+                "device": {"coulomb_friction_n": 0.1},
+                "law": OWN_LAW | {"friction_compensation": COMPENSATION | {"force_n": 0.5}},
+            },
+            "law.friction_compensation.force_n",
+        ),
+    ],
+)
+def test_an_unlikely_value_of_a_law_or_another_end_is_doubted(tables, key):
+    (doubt,) = plausibility(avc.parse_problem(SMALL).changed(**tables))
+    assert doubt.key == key
+
+
+SENSOR = {"stiffness_n_per_m": 2e4, "handle_mass_kg": 0.3, "noise_rms_n": 0.05, "max_force_n": 200.0}
+SERVO = {"drive": "velocity", "drive_bandwidth_hz": 20.0, "delay_samples": 1}
+ADMITTANCE = {"mass_kg": 5.0, "damping_ns_per_m": 50.0}
+
+
+@pytest.mark.parametrize(
+    ("sensor", "law", "key"),
+    [
+        ({"stiffness_n_per_m": 1e3}, {}, "device.force_sensor.stiffness_n_per_m"),
+        ({"handle_mass_kg": 300.0}, {}, "device.force_sensor.handle_mass_kg"),
+        ({"noise_rms_n": 50.0}, {}, "device.force_sensor.noise_rms_n"),
+        ({"resolution_n": 50.0}, {}, "device.force_sensor.resolution_n"),
+        ({"max_force_n": 0.2}, {}, "device.force_sensor.max_force_n"),
+        ({"max_force_n": 2.0, "noise_rms_n": 2.0}, {}, "device.force_sensor.noise_rms_n"),
+        ({"max_force_n": 2.0, "resolution_n": 2.0}, {}, "device.force_sensor.resolution_n"),
+        ({}, {"mass_kg": 12000.0}, "law.admittance.mass_kg"),
+    ],
+)
+def test_an_unlikely_value_of_a_device_with_a_force_sensor_is_doubted(sensor, law, key):
+    tables = {"device": SERVO | {"force_sensor": SENSOR | sensor}, "law": {"admittance": ADMITTANCE | law}}
+    (doubt,) = plausibility(avc.AdmittanceProblem.model_validate(tables))
+    assert doubt.key == key
+
+
+@pytest.mark.parametrize(("device", "gain", "key"), [({"mass_kg": 0.004}, 1.0, "device.mass_kg"), ({}, 1000.0, "gain")])
+def test_an_unlikely_force_feedback_is_doubted(device, gain, key):
+    device = {"mass_kg": 4.0, "damping_ns_per_m": 8.0, "force_sensor": SENSOR} | device
+    law = {"damping_ns_per_m": 20.0, "force_feedback": {"gain": gain}}
+    (doubt,) = plausibility(avc.ForceFeedbackProblem.model_validate({"device": device, "law": law}))
+    assert doubt.key.endswith(key)
+
+
+def test_no_value_of_the_catalogue_is_doubted_but_hands_that_cannot_press():
+    problems = [avc.load_problem(name) for name in catalogue_names()]
+    sensors = [load_sensor_problem(name) for name in admittance_names()]
+    doubts = [doubt for problem in (*problems, *sensors) for doubt in plausibility(problem)]
+    doubts += [doubt for name in device_names() for doubt in device_plausibility(avc.load_device(name))]
+    # Hands of 0 are what that problem is about.
+    assert [(doubt.file, doubt.key) for doubt in doubts] == [("diverging", "hands.stiffness_n_per_m")]
+
+
+def test_every_usual_value_is_of_a_key_and_says_where_it_comes_from():
+    headers = {key.partition(".")[0] for key in USUAL}
+    assert headers == {"device", "follower", "environment", "hands", "simulation", "law", "contact"}
+    assert all(usual.source and usual.lowest < usual.highest for usual in USUAL.values())
 
 
 ROTARY = (

@@ -19,6 +19,7 @@ from avc_casadi.claims.mass_width import MassWidth
 from avc_casadi.claims.sensor_motion import speed_at_rest
 from avc_casadi.files.new_admittance import NewAdmittance
 from avc_casadi.files.new_options import CONTACT
+from avc_casadi.files.plausibility import plausibility
 from avc_casadi.loops.handle import Handle
 from avc_casadi.loops.margins import LEAST_DISK, SETTLING_BAND, SOUND_DISK
 from avc_casadi.model.admittance import (
@@ -115,7 +116,7 @@ def doubts_of(problem: AdmittanceProblem) -> tuple[str, ...]:
         "device.drive_bandwidth_hz": device.drive_bandwidth_hz,
         "law.admittance.cutoff_hz": None if problem.law is None else problem.law.admittance.cutoff_hz,
     }
-    doubts = [*above_nyquist(frequencies, problem), *contact_doubts(problem), *sensor_doubts(problem)]
+    doubts = [*above_nyquist(frequencies, problem), *contact_doubts(problem), *value_doubts(problem)]
     if device.drive_order == 1 and device.drive_damping_ratio != DRIVE_DAMPING_RATIO:
         doubts.append("device.drive_damping_ratio has no effect on a drive of first order; set device.drive_order = 2")
     return tuple(doubts)
@@ -137,12 +138,9 @@ def contact_doubts(problem: SensorProblem) -> Iterator[str]:
         yield f"{key} is 0: the handle touches nothing, and stiff contacts limit such a law"
 
 
-def sensor_doubts(problem: SensorProblem) -> Iterator[str]:
-    """Yield a stiffness of the sensor that is unusual at the handle."""
-    device, stiffness = problem.device, problem.device.force_sensor.stiffness_n_per_m
-    if not 1e3 <= stiffness / device.metres_per_unit**2 <= 1e8:
-        name = problem.units.key("device.force_sensor.stiffness_n_per_m")
-        yield f"{name} is {as_in_file(stiffness)}: usual 1e3 to 1e8 N/m at the handle; is the unit right?"
+def value_doubts(problem: SensorProblem) -> Iterator[str]:
+    """Yield what is unusual of the values, at the handle."""
+    yield from (f"{doubt.key} {doubt.message}" for doubt in plausibility(problem))
 
 
 def end_rows(problem: SensorProblem) -> list[Row]:
@@ -155,8 +153,8 @@ def end_rows(problem: SensorProblem) -> list[Row]:
 
 
 def untold(problem: SensorProblem) -> list[Row]:
-    """Return a caution where hands are assumed, and where the handle is judged without anything to touch."""
-    rows = []
+    """Return a caution where hands are assumed, where the handle touches nothing, and where values may be slips."""
+    rows = subject.unusual(problem)
     if problem.assumes_hands:
         rows.append(row("Hands", "assumed:", _hands_line(problem), "; state [hands] of your user", mark=Mark.CAUTION))
     if not problem.contact.touches:

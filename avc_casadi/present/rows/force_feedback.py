@@ -54,7 +54,7 @@ def doubts_of(problem: ForceFeedbackProblem) -> tuple[str, ...]:
     return (
         *admittance.above_nyquist(frequencies, problem),
         *admittance.contact_doubts(problem),
-        *admittance.sensor_doubts(problem),
+        *admittance.value_doubts(problem),
     )
 
 

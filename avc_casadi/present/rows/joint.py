@@ -46,6 +46,7 @@ def certificate(result: JointCertificate, shown: str = "") -> Answer:
         row("Stable kd", _stable_dampers(result), "at this kp"),
         row("Largest step", _largest_step(result)),
         row("Least mass", _least_mass(result)),
+        *subject.unusual(problem),
     ]
     complaint = "" if result.stable else f"avc: {shown}: kp and kd are not stable"
     return Answer(

@@ -216,7 +216,7 @@ def _law_rows(result: LawCertificate) -> list[Row]:
     if not sound and result.remedies is not None:
         helps = commas(map(_remedy, result.remedies), ";")
         rows.append(row("Would help", helps or "no single change of k, b, cutoff (down to 1 %), sample time or delay"))
-    return rows
+    return [*rows, *subject.unusual(problem)]
 
 
 def _law_detents(result: LawCertificate) -> list[Row]:
@@ -316,7 +316,7 @@ def pair_certificate(result: CertifiedPair) -> Answer:
         row("Coupling", subject.pair_of(result.gains)),
         *stability(problem.end, certificate),
         *passivity(problem.end, certificate.passivity),
-        *subject.not_used(result.not_used),
+        *(*subject.not_used(result.not_used), *subject.unusual(problem)),
         row("Claim", certificate.claim, rank=1),
     ]
     complaint = "" if result.passed else f"avc: {result.file}: not deployable"

@@ -12,12 +12,14 @@ from typing import Any
 from avc_casadi.claims.deployable import Deployable
 from avc_casadi.coupling import Coupling
 from avc_casadi.files.catalogue import catalogue_names
+from avc_casadi.files.plausibility import plausibility
 from avc_casadi.loops.margins import LEAST_DISK, SOUND_DISK, Margins
 from avc_casadi.model.device import Device
 from avc_casadi.model.ends import End, Follower, Simulation, ToolGains, Wall
 from avc_casadi.model.hands import END_STOP_N_PER_M
 from avc_casadi.model.joint import Joint, NoDevice
 from avc_casadi.model.problem import Problem
+from avc_casadi.model.sensed import SensorProblem
 from avc_casadi.present import words
 from avc_casadi.present.row import Answer, Mark, Part, Row, Value, caution, commas, fill, grade, parts, row, span
 from avc_casadi.present.rows.assumption_words import why_unused
@@ -30,6 +32,12 @@ HAND = ("mass_kg", "damping_ns_per_m", "stiffness_n_per_m")
 def name_of(problem: Problem) -> str:
     """Return the problem as a user types it: a name of the catalogue, or a file."""
     return problem.name if problem.name in catalogue_names() else f"{problem.name or 'problem'}.toml"
+
+
+def unusual(problem: Problem | SensorProblem) -> list[Row]:
+    """Return the values of a problem that may be slips, beside a verdict that takes them as they are."""
+    doubts = [f"{doubt.key} {doubt.message}" for doubt in plausibility(problem)]
+    return [row("Values", "; ".join(doubts), mark=Mark.CAUTION)] if doubts else []
 
 
 def device_line(device: Device) -> tuple[Part, ...]:
