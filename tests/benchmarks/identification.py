@@ -3,7 +3,7 @@
 nice -n 10 python tests/benchmarks/identification.py --count 200 --write
 
 Each device is simulated by `tests/oracle/measured_device.c`, which shares no code with the project: 10 s of log
-beside a weak controller, an encoder of 2 to 61 um, friction of 0 to 2 N, a delay of 0 to 3 samples, half of them with
+with a weak controller, an encoder of 2 to 61 um, friction of 0 to 2 N, a delay of 0 to 3 samples, half of them with
 noise and a force that drifts. Six in ten are driven by a multisine at 1 kHz, half of these with a resonance of 60 to
 300 Hz; two in ten have an amplifier of 80 to 400 Hz, one in ten is driven by steps, one in ten runs at 2 to 4 ms.
 With --write it overwrites identification.json and RESULTS_identification.md; without it the table is printed only.
