@@ -248,14 +248,16 @@ def _law_loops(result: LawCertificate) -> list[Row]:
     ratio, hz, swinging = min(
         (case.damping_ratio, case.damping_ratio_hz, which_loop) for which_loop, case in cases.items()
     )
-    damping = subject.damping_ratio(ratio, hz, swinging, result.problem.device.sample_time_s)
-    if result.stable and ratio < RINGS_BELOW:
-        damping = row(damping.label, damping.values, ": lightly damped", mark=Mark.CAUTION)
-    return [
+    rows = [
         subject.margins({which_loop: case.margins for which_loop, case in cases.items()}, margin_mark),
         subject.settling(None if math.isinf(settling_s) else settling_s, slowest),
-        damping,
     ]
+    if not result.stable:
+        return rows
+    damping = subject.damping_ratio(ratio, hz, swinging, result.problem.device.sample_time_s)
+    if ratio < RINGS_BELOW:
+        damping = row(damping.label, damping.values, ": lightly damped", mark=Mark.CAUTION)
+    return [*rows, damping]
 
 
 def _remedy(remedy: LawRemedy) -> tuple[Part, ...]:
