@@ -125,9 +125,12 @@ def test_passive_teleoperator_is_stable_with_every_hand_and_environment():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("delay", "period"), [(0.0, 1e-3), (0.005, 1e-3), (0.02, 4e-3)])
+@pytest.mark.parametrize(("delay", "period"), [(0.0, 1e-3), (0.02, 4e-3)])
 def test_recommended_coupling_settles_in_a_plain_simulation(delay, period):
-    """Every corner hand in free motion, pressed on a wall and tapping it, with 10 % jitter and 1 % of losses."""
+    """Every corner hand in free motion, pressed on a wall and tapping it, with 10 % jitter and 1 % of losses.
+
+    The example of two boards (tests/hardware/test_examples.py) has 5 ms each way.
+    """
     text = (
         f"mass_kg = 0.3\ndamping_ns_per_m = 1.0\nsample_time_s = {period}\ndelay_samples = 1\ndelay_s = {delay}\n"
         "jitter = 0.1\nlost_share = 0.01"
