@@ -213,12 +213,14 @@ def _answered(args: argparse.Namespace, console: Console, arguments: Sequence[st
 
 
 def _located(args: argparse.Namespace, fault: Fault) -> Fault:
-    """Return a fault with the option that is at fault, or the file that the command was given."""
+    """Return a fault with the option that is at fault, or the files that the command was given."""
     if fault.file:
         return fault
     key = args.options.get(fault.key, fault.key)
-    file = "" if not key or key.startswith("-") or key.isupper() else str(getattr(args, args.first, ""))
-    return replace(fault, file=file, key=key)
+    if not key or key.startswith("-") or key.isupper():
+        return replace(fault, key=key)
+    first = getattr(args, args.first, "")
+    return replace(fault, file=", ".join(first) if isinstance(first, list) else str(first), key=key)
 
 
 def _keep_inputs(args: argparse.Namespace) -> None:

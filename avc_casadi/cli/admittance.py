@@ -77,12 +77,12 @@ def _written(
 
 def tried(args: argparse.Namespace, console: Console) -> Answer:
     """Return the answer of `trial`: simulated hands that guide, hold, release and push against contacts."""
-    from avc_casadi._util.parallel import cluster, processors
+    from avc_casadi._util.parallel import processors
     from avc_casadi.simulation.population.admittance_trial import ADMITTANCE_HANDS, try_admittance
 
     cli.refuse(args, "without_friction", why="does not apply: an admittance device states no friction; leave it out")
     hands = args.hands or ADMITTANCE_HANDS
-    with cluster(args.scheduler) as executor, console.step(f"{hands} hands"):
+    with cli.executor_of(args) as executor, console.step(f"{hands} hands"):
         trial = try_admittance(
             args.coupling,
             hands,

@@ -6,7 +6,7 @@ import argparse
 import math
 import os
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from shlex import quote
 from tempfile import TemporaryFile
@@ -17,6 +17,8 @@ from avc_casadi._util.units import LINEAR, ROTARY
 from avc_casadi.files.kinds import FileKind
 
 if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
     from avc_casadi._util.units import Units
     from avc_casadi.cli.console import Console
     from avc_casadi.coupling import Coupling
@@ -156,6 +158,17 @@ WORKERS = (
     argument("--workers", type=positive_int, metavar="N", text="set the number of processes (default: all processors)"),
     argument("--scheduler", metavar="ADDRESS", text=_SCHEDULER),
 )
+
+
+def executor_of(args: argparse.Namespace) -> AbstractContextManager[Executor | None]:
+    """Return the executor of --scheduler; None without it."""
+    from avc_casadi._util.parallel import cluster
+
+    if args.scheduler is not None:
+        refuse(args, "workers", why="is of processes on this machine, and --scheduler uses a cluster; leave one out")
+    return cluster(args.scheduler)
+
+
 _COLUMNS = "name the columns, by header or number: time=1,position=2,force=3; or angle, torque"
 _UNITS = "set units that the header lacks: time=ms,position=um, or angle=deg,torque=N.m"
 _FLIP = "reverse the sign of the force, if a positive force pushes towards -position in the log"

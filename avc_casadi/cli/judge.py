@@ -124,7 +124,7 @@ def run_trial(args: argparse.Namespace, console: Console) -> Answer:
     Friction compensation is also tried with less friction. Exit code 1 if a law does not come to rest.
     Hands guide, hold and release an admittance device, and push it against its contacts.
     """
-    from avc_casadi._util.parallel import cluster, processors
+    from avc_casadi._util.parallel import processors
     from avc_casadi.cli import admittance
     from avc_casadi.cli.law import states_law
     from avc_casadi.files.admittance_file import is_admittance
@@ -141,7 +141,7 @@ def run_trial(args: argparse.Namespace, console: Console) -> Answer:
         return rows.tried.law_trial(tried, args.coupling)
     coupling = cli.read_wall(args.coupling)
     hands = args.hands or _COUPLING_HANDS
-    with cluster(args.scheduler) as executor, console.step(f"{hands} hands"):
+    with cli.executor_of(args) as executor, console.step(f"{hands} hands"):
         trial = count_at_rest(
             coupling,
             hands,

@@ -203,9 +203,9 @@ def run_table1(args: argparse.Namespace, console: Console) -> Answer:
     Walls VE4 to VE6 are fitted to the paper's column without coupling; all else is predicted.
     The command takes about a minute, even with few hands.
     """
-    from avc_casadi._util.parallel import cluster, processors
+    from avc_casadi._util.parallel import processors
     from avc_casadi.design.comparison.table1 import table1
 
     workers = args.workers or processors()
-    with cluster(args.scheduler) as executor, console.step("hands at the walls of the paper"):
+    with cli.executor_of(args) as executor, console.step("hands at the walls of the paper"):
         return rows.look.table1(table1(args.hands, args.seed, workers=workers, executor=executor, progress=console))

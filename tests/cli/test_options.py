@@ -229,12 +229,21 @@ def test_a_fault_of_the_value_of_an_option_names_the_option_and_no_file(command,
         (["excite", "wall.toml", "--port", "COM7", "--on-bench", "wall.toml"], "--on-bench", "--port COM7"),
         (["certify", "sensor.toml", "--friction-compensation", "3N"], "--friction-compensation", "commanded a force"),
         (["recommend", "sensor.toml", "--frequency", "5"], "--frequency", "leave it out"),
+        (["table1", "--workers", "2", "--scheduler", "tcp://h:1"], "--workers", "--scheduler"),
     ],
 )
 def test_options_that_contradict_each_other_or_the_file_are_refused_with_both_named(command, key, words, capsys):
     fault = refused(capsys, *command)
     assert fault["key"] == key
     assert words in fault["message"]
+
+
+def test_a_fault_of_all_logs_names_them(tmp_path, capsys):
+    log_file(LINEAR_LOG, seconds=0.4)
+    (tmp_path / "other.csv").write_bytes((tmp_path / "log.csv").read_bytes())
+    for logs in (("log.csv",), ("log.csv", "other.csv")):
+        fault = refused(capsys, "identify", *logs)
+        assert (fault["file"], fault["key"]) == (", ".join(logs), "logs")
 
 
 def of_one_value():
