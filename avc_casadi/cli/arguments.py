@@ -111,9 +111,20 @@ def _foreign(path: Path, kinds: tuple[FileKind, ...]) -> str:
 
     if not path.is_file() or not path.stat().st_size:
         return ""
-    kind = kind_of_file(path)
+    try:
+        kind = kind_of_file(path)
+    except OSError as error:
+        return f" exists and cannot be read ({error.strerror or error}); choose another name"
     allowed = " or ".join(replaced.value for replaced in kinds)
     return "" if kind in kinds else f" exists and is {kind.value}; it replaces {allowed} only; choose another name"
+
+
+def keep_other_files(folder: Path, kinds: Mapping[str, FileKind]) -> None:
+    """Refuse a folder of results with files of their names and of another kind."""
+    for name, kind in kinds.items():
+        fault = _foreign(folder / name, (kind,))
+        if fault:
+            raise avc.InputError.of(f"{str(folder / name)!r}{fault}", key="out")
 
 
 def plot(subject: str) -> Argument:

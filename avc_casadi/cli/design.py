@@ -46,6 +46,13 @@ def _value_options() -> Iterator[cli.Argument]:
             yield cli.argument(option.option_turning, metavar="V", text=argparse.SUPPRESS)
 
 
+_RUN_FILES = {
+    "coupling.json": FileKind.COUPLING,
+    "gains.csv": FileKind.COUPLING,
+    "gains.json": FileKind.SOLUTION,
+    "compare.json": FileKind.SOLUTION,
+}
+"""Files of `avc run` whose names a user may use too, and their kinds."""
 _DRIVE = "choose what is commanded: force or velocity (default: force)"
 _HELD = f"choose the grip: {', '.join(HOLDS)} (default: grip)"
 
@@ -336,6 +343,7 @@ def run_run(args: argparse.Namespace, console: Console) -> Answer:
         command = f"avc recommend {quote(args.problem)} --out coupling.json"
         raise avc.InputError.of(f"has no wall, which avc run needs; use {command}", key="P")
     shown = Path(args.out or f"avc-{problem.name.replace('/', '-')}")
+    cli.keep_other_files(shown, _RUN_FILES)
     with output_folder(args.out or str(shown), "--out") as folder:
         console.notice(f"{args.problem} ... everything, into {shown}")
         recommendation = _to_deploy(problem, args.method, console)

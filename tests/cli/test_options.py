@@ -156,6 +156,15 @@ def test_a_file_is_written_over_where_it_is_of_the_kind_that_the_option_writes(
         assert build_parser().parse_args([*arguments, file])
 
 
+@pytest.mark.parametrize("name", ["coupling.json", "gains.csv", "gains.json", "compare.json"])
+def test_a_folder_of_results_keeps_a_file_of_another_kind(name, tmp_path, capsys):
+    (tmp_path / name).write_text(PROBLEM_FILE)
+    fault = refused(capsys, "run", "figure5", "--out", ".")
+    assert fault["key"] == "--out"
+    assert name in fault["message"]
+    assert (tmp_path / name).read_text() == PROBLEM_FILE
+
+
 def test_traces_leave_a_coupling_of_their_name(tmp_path, capsys):
     (tmp_path / "mine.json").write_text('{"schema": "avc-coupling/1"}')
     fault = refused(capsys, "simulate", "figure5", "--trace", "mine.npz")
