@@ -65,13 +65,16 @@ def _syntax_fault(parser_message: str, text: str, file: str) -> Fault:
 
 
 def _advice_on(content: str) -> str:
-    """Return what to write in place of a number with a decimal comma, or of a value with a unit and no quotation marks.
+    """Return what to write in place of a number with a decimal comma or without a digit before its point.
 
-    Empty where a line is neither.
+    Or of a value with a unit and no quotation marks; empty where a line is none of these.
     """
     comma = re.fullmatch(r"([\w.-]{1,60}\s*=\s*[-+]?\d{1,20}),(\d{1,20})\s*(?:#.*)?", content, re.ASCII)
     if comma:
         return f"; a decimal point is a dot: {comma[1]}.{comma[2]}"
+    dot = re.fullmatch(r"([\w.-]{1,60}\s*=\s*[-+]?)(\.\d{1,20})\s*(?:#.*)?", content, re.ASCII)
+    if dot:
+        return f"; a digit stands before the decimal point: {dot[1]}0{dot[2]}"
     number = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
     unit = re.fullmatch(rf"([\w.-]{{1,60}}\s*=\s*)({number}\s*[^\W\d_][^\"'#=]{{0,40}}?)\s*(?:#.*)?", content)
     return f'; a value with a unit needs quotation marks: {unit[1]}"{unit[2]}"' if unit else ""

@@ -164,7 +164,9 @@ def _findings(table: type[Table], error: ValidationError, value: Any) -> Iterato
         elif kind == "missing":
             yield path, f"is missing; allowed: {_values(table.model_fields[str(path[0])])}"
         elif kind in {"model_type", "model_attributes_type"}:
-            yield path, f"is {shown(value)}, not a table; allowed: {_keys(table)}"
+            # Of a table that is one of several kinds pydantic reports it at the key, of any other in the table.
+            allowed = _values(table.model_fields[str(path[0])]) if path else _keys(table)
+            yield path, f"is {shown(typed if path else value)}, not a table; allowed: {allowed}"
         elif kind in {"union_tag_invalid", "union_tag_not_found"}:
             tables = tables_of(table.model_fields[str(path[0])].annotation, Table)
             choices = [alternative.model_fields["kind"].default for alternative in tables]
@@ -200,6 +202,9 @@ def _values(field: FieldInfo) -> str:
         if isinstance(mark, BeforeValidator) and (allowed := getattr(mark.func, "allowed", "")):
             return str(allowed)
     inner = tables_of(field.annotation, Table)
+    if field.discriminator is not None:
+        kinds = one_of((kind.model_fields["kind"].default for kind in inner), None)
+        return f"a table {{ kind = KIND, ... }} with KIND one of {kinds}"
     if inner:
         return _keys(inner[0])
     return ", ".join(map(shown, choices_of(field.annotation))) or "text in quotation marks"

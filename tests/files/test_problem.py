@@ -284,6 +284,7 @@ def test_the_symbol_of_a_value_leads_to_its_key(table, symbol, key):
     [
         ("mass_kg = 0,12", "a decimal point is a dot: mass_kg = 0.12"),
         ("mass_kg = -0,12  # of the handle", "a decimal point is a dot: mass_kg = -0.12"),
+        ("mass_kg=.12", "a digit stands before the decimal point: mass_kg=0.12"),
         ("mass_kg = 120 g", 'a value with a unit needs quotation marks: mass_kg = "120 g"'),
         ("sample_time_s = 1kHz # fast", 'a value with a unit needs quotation marks: sample_time_s = "1kHz"'),
         ("mass_kg = = 3", ""),
@@ -342,3 +343,23 @@ def test_a_range_of_delays_and_a_delay_of_a_follower_are_times_of_their_device()
     problem = avc.parse_problem(device + follower)
     assert problem.device.range.delay_samples == (1, 4)
     assert problem.follower.delay_samples == 1
+
+
+@pytest.mark.parametrize(
+    ("table", "value", "shown", "allowed"),
+    [
+        ("law.velocity", '"window 3"', '"window 3"', "window"),
+        ("law.velocity", "3", "3", "kalman"),
+        ("scene.motion", '"press"', '"press"', "press"),
+        ("hands", "3", "3", "mass_kg"),
+    ],
+)
+def test_a_value_in_place_of_a_table_is_shown_with_what_that_table_states(table, value, shown, allowed):
+    outer, _, key = table.rpartition(".")
+    law = "stiffness_n_per_m = 1\n" if outer == "law" else ""
+    text = f"[{outer}]\n{law}{key} = {value}\n" if outer else ""
+    faults = faults_of((f"{key} = {value}\n" if not outer else "") + SMALL + text)
+    (message,) = (fault.message for fault in faults if fault.key == table)
+    assert message.startswith(f"is {shown}, not a table; allowed: a table")
+    assert allowed in message.partition("allowed: ")[2]
+    assert outer != "law" or "stiffness_n_per_m" not in message
