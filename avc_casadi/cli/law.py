@@ -39,11 +39,17 @@ def read_numbers(args: argparse.Namespace, units: Units, handle_radius_m: float 
 
     For a device that turns, a value may also be that of the handle, as in a file; a joint has none.
     """
+    faults: list[avc.Fault] = []
     for option, key in _NUMBERS.items():
         typed = getattr(args, option)
         if typed is not None:
             unit = unit_of_key(units.key(key), units)
-            setattr(args, option, _typed(typed, unit, option, handle_radius_m))
+            try:
+                setattr(args, option, _typed(typed, unit, option, handle_radius_m))
+            except avc.InputError as error:
+                faults += error.faults
+    if faults:
+        raise avc.InputError(faults)
 
 
 def law_pieces(args: argparse.Namespace, units: Units, handle_radius_m: float | None) -> dict[str, Any]:

@@ -101,12 +101,18 @@ class Border:
         faults: dict[t.Path, str] = {}
         for path, message in findings:
             place, text = self._in_file(path, message)
+            if not message.startswith(UNKNOWN) and self._found_inside(place):
+                continue
             # What was found on reading says more than what the model says of it.
             faults[place] = text if message.startswith(UNKNOWN) else self._findings.get(place, text)
         faults |= {place: text for place, text in self._findings.items() if place not in faults}
         if faults or isinstance(result, list):
             return list(faults.items())
         return result
+
+    def _found_inside(self, place: t.Path) -> bool:
+        """Return whether a list or table of the file has a fault inside, found on reading, which says it all."""
+        return any(len(found) > len(place) and found[: len(place)] == place for found in self._findings)
 
     def _in_file(self, path: t.Path, message: str) -> t.Finding:
         """Return a finding at its place in the file and in the words of the file."""

@@ -137,6 +137,13 @@ class Frequency(t.Table):
                 f"is {t.shown(getattr(self, key))} in {band}; allowed: a band that has room for {self.points} points",
             )
 
+    @classmethod
+    def stated_faults(cls, table: Mapping[str, Any]) -> Iterator[t.Finding]:
+        """Yield an end of a range below its start."""
+        start, stop = table.get("start_hz"), table.get("stop_hz")
+        if isinstance(start, int | float) and isinstance(stop, int | float) and 0 < stop < start:
+            yield ("stop_hz",), f"is {t.shown(stop)}; allowed: above start_hz = {t.shown(start)}"
+
     def origin(self, key: str) -> str:
         """Return a note where a key was not given."""
         return "" if key in self.model_fields_set else " (the default)"
@@ -281,19 +288,28 @@ class Problem(t.Table):
 
     def _end_faults(self) -> Iterator[t.Finding]:
         """Yield more than one remote end, detents beside one, and the faults of each with the device."""
-        ends = self._other_ends()
-        for second in list(ends)[1:]:
-            yield (second,), f"is given with [{next(iter(ends))}]; give one of them"
+        stated = (*self.end_tables(), "device", "detent", "law")
+        yield from self.stated_faults({name: getattr(self, name) for name in stated})
+        for name, end in self._other_ends().items():
+            for path, message in end.faults_beside(self.device):
+                yield (name, *path), message
+
+    @classmethod
+    def stated_faults(cls, table: Mapping[str, Any]) -> Iterator[t.Finding]:
+        """Yield more than one remote end, and what acts in the device's own loop beside one."""
+        ends = [name for name in cls.end_tables() if table.get(name) is not None]
+        for second in ends[1:]:
+            yield (second,), f"is given with [{ends[0]}]; give one of them"
         # The slope of a detent is a spring in the device's own loop, in which no coupling to another end is judged.
-        if ends and self.detent is not None:
-            known = " or ".join(f"[{name}]" for name in self.end_tables())
+        if ends and table.get("detent") is not None:
+            known = " or ".join(f"[{name}]" for name in cls.end_tables())
             yield (
                 ("detent",),
                 f"is given with {known}; give one of them, or compute the detents in the engine or follower",
             )
-        for name, end in ends.items():
-            for path, message in end.faults_beside(self.device):
-                yield (name, *path), message
+        is_joint = table.get("device") is None or isinstance(table.get("device"), NoDevice)
+        for name in ends if table.get("law") is not None and not is_joint else ():
+            yield ("law",), f"is given with [{name}]; give one of them, because a law acts in the device's own loop"
 
     def _law_faults(self) -> Iterator[t.Finding]:
         """Yield a law beside a remote end, and what of it no loop of the device holds."""
@@ -304,8 +320,6 @@ class Problem(t.Table):
             for path, message in joint_law_faults(self.law, end.engine):
                 yield ("law", *path), message
             return
-        for name in self._other_ends():
-            yield ("law",), f"is given with [{name}]; give one of them, because a law acts in the device's own loop"
         masses = self.device.range.mass_kg or (self.device.mass_kg,)
         lightest_kg = min(masses) or self.hands.mass_kg[0]
         for path, message in self.law.faults_beside(self.device, lightest_kg):
@@ -318,10 +332,19 @@ class Problem(t.Table):
         places: list[tuple[t.Path, float, str]] = [((end,), getattr(band, end), band.origin(end)) for end in ends]
         if band.values_hz is not None:
             places = [(("values_hz", index), value, "") for index, value in enumerate(band.values_hz)]
+        by_default = [origin for _, value, origin in places if origin and value * period >= 0.5]
+        if by_default:
+            # Such a frequency stands on no line of the file.
+            start_hz, stop_hz = (q.plain(end) for end in (band.start_hz, band.stop_hz))
+            usual = f"is {t.shown(period)}, half whose rate is {q.plain(0.5 / period)} Hz; [frequency] is by default"
+            yield (
+                ("device", "sample_time_s"),
+                f"{usual} {start_hz} to {stop_hz} Hz; give start_hz and stop_hz below half the rate",
+            )
         for place, value, origin in places:
-            if value * period >= 0.5:
+            if value * period >= 0.5 and not origin:
                 allowed = f"below {q.plain(0.5 / period)} Hz, half the rate of sample_time_s = {t.shown(period)}"
-                yield ("frequency", *place), f"is {t.shown(value)}{origin}; allowed: {allowed}"
+                yield ("frequency", *place), f"is {t.shown(value)}; allowed: {allowed}"
 
     @classmethod
     def end_tables(cls) -> dict[str, type[End]]:

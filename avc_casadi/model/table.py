@@ -72,6 +72,7 @@ class Table(BaseModel):
                 for path, message in _findings(cls, error, value)
                 if path not in meant or path[0] in table
             )
+            findings += cls.stated_faults(table) if isinstance(table, Mapping) else ()
             raise inner_faults(findings) from None
         findings = findings or list(read.faults())
         if findings:
@@ -80,6 +81,11 @@ class Table(BaseModel):
 
     def faults(self) -> Iterator[Finding]:
         """Yield what is wrong between values that are each allowed."""
+        yield from ()
+
+    @classmethod
+    def stated_faults(cls, table: Mapping[str, Any]) -> Iterator[Finding]:  # noqa: ARG003 - most tables have none
+        """Yield what of `faults` shows in what is stated, where other values are refused."""
         yield from ()
 
 

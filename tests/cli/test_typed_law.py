@@ -84,6 +84,13 @@ def test_a_number_as_typed_has_the_limits_of_its_key(option, problem, capsys):
     assert "is 1e+30; allowed: " in capsys.readouterr().err
 
 
+def test_all_numbers_that_cannot_be_read_are_refused_at_once(capsys):
+    assert main(["certify", "figure5", "--k", "nan", "--b", "inf", "--b-p", "3 kg"]) == 2
+    message = capsys.readouterr().err
+    assert all(f"{option}: is" in message for option in ("--k", "--b", "--b-p"))
+    assert message.count("a finite number") == 2
+
+
 def test_a_verdict_stands_next_to_the_values_that_may_be_slips(tmp_path, capsys):
     light = tmp_path / "light.toml"
     light.write_text("[device]\nmass_kg = 0.00012\ndamping_ns_per_m = 0.8\n[law]\nstiffness_n_per_m = 3\n")

@@ -363,3 +363,34 @@ def test_a_value_in_place_of_a_table_is_shown_with_what_that_table_states(table,
     assert message.startswith(f"is {shown}, not a table; allowed: a table")
     assert allowed in message.partition("allowed: ")[2]
     assert outer != "law" or "stiffness_n_per_m" not in message
+
+
+FOLLOWER_LINES = "[follower]\nmass_kg = 1\n"
+ENGINE_LINES = "[simulation]\nstep_s = 0.002\ntool_mass_kg = 0.2\n"
+
+
+@pytest.mark.parametrize(
+    ("addition", "keys"),
+    [
+        (ENGINE_LINES + FOLLOWER_LINES, ["follower.damping_ns_per_m", "follower"]),
+        (ENGINE_LINES + "[law]\nstiffness_n_per_m = -1\n", ["law.stiffness_n_per_m", "law"]),
+        (ENGINE_LINES + "[detent]\nforce_n = 1\n", ["detent.pitch_m", "detent"]),
+        (
+            "[frequency]\nstart_hz = 100\nstop_hz = 10\npoints = 1.5\n",
+            ["frequency.stop_hz", "frequency.points"],
+        ),
+    ],
+)
+def test_a_refused_value_hides_no_fault_of_what_is_stated(addition, keys):
+    assert sorted(fault.key for fault in faults_of(SMALL + addition)) == sorted(keys)
+
+
+def test_a_device_that_is_too_slow_for_the_usual_frequencies_is_named_on_its_line():
+    (fault,) = faults_of(SMALL.replace("[environment]", "sample_time_s = 1\n[environment]"))
+    assert (fault.key, fault.line) == ("device.sample_time_s", 4)
+    assert "1 to 450 Hz" in fault.message
+
+
+def test_entries_of_a_list_that_cannot_be_read_are_the_only_faults():
+    text = '[simulation]\ntool_inertia_kgm2 = ["3 g", "10 kg"]\nstep_s = 0.005\n'
+    assert [fault.key.rpartition("kgm2")[2] for fault in faults_of(text)] == ["[0]", "[1]"]
