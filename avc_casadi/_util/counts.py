@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from operator import index
-from typing import SupportsIndex
+from numbers import Integral
 
 from avc_casadi._errors import Fault, InputError
 
@@ -26,9 +25,9 @@ class Count:
     @property
     def allowed(self) -> bool:
         """Whether the value is a whole number of the range; True and False are none."""
-        if isinstance(self.value, bool) or not isinstance(self.value, SupportsIndex):
+        if isinstance(self.value, bool) or not isinstance(self.value, Integral):
             return False
-        return self.least <= index(self.value) <= self.most
+        return self.least <= int(self.value) <= self.most
 
 
 def hands_count(value: object, most: int = IN_MEMORY) -> Count:

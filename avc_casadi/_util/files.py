@@ -21,6 +21,8 @@ def open_bounded(path: str | Path, most_bytes: int, next_step: str = "") -> Iter
     """Open a regular file given by a user, of bounded size; a pipe or a device is not opened."""
     place = Path(path)
     advice = next_step and f"; {next_step}"
+    if "\0" in str(path):
+        raise InputError.of(f"has a NUL character in its name{advice}", file=str(path).replace("\0", "?"))
     try:
         size = place.stat().st_size
         if not place.is_file():

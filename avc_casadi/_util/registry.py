@@ -31,9 +31,9 @@ class Registry(Mapping[str, Thing], Generic[Thing]):
 
     def named(self, name: str, key: str | None = None) -> Thing:
         """Return the object of a name."""
-        if name in self:
+        if isinstance(name, str) and name in self:
             return self[name]
-        near = difflib.get_close_matches(name, self, n=1)
+        near = difflib.get_close_matches(name, self, n=1) if isinstance(name, str) else []
         hint = f", did you mean {near[0]}?" if near else ""
         message = f"{name!r} is not a known {self.kind}{hint}; allowed: {', '.join(self)}"
         raise InputError.of(message, key=self.kind if key is None else key)

@@ -38,6 +38,7 @@ from avc_casadi.model.hands import Hand
 from avc_casadi.model.law import Law
 from avc_casadi.model.plant import SampledPlant
 from avc_casadi.model.sensed import SensorProblem
+from avc_casadi.model.table import shown
 
 Interval = tuple[float, float]
 
@@ -414,6 +415,8 @@ def certify_admittance(
         False
     """
     stated = as_admittance(problem)
+    if law is not None and not isinstance(law, Mapping):
+        raise InputError.of(f"is {shown(law)}; allowed: keys of [law] admittance, as a dict", key="law")
     if law:
         stated = stated.changed(law={"admittance": dict(law)})
     if stated.law is None:

@@ -13,9 +13,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from pydantic_core import PydanticCustomError
-
-from avc_casadi._errors import Fault, InputError, UnsupportedError
+from avc_casadi._errors import InputError, UnsupportedError
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.page import worded
 from avc_casadi._util.printed import Printed
@@ -53,7 +51,9 @@ from avc_casadi.model.problem import Impedance, Problem
 # A factor on all forces of a law: that of no force at all is no law.
 _COMMON_GAIN = LawNumber(("gain",), 1.0, 1e-4)
 _ALLOWED = {"k": q.STIFFNESS, "b": q.DAMPING, "b_p": q.DAMPING, "cutoff_hz": q.HERTZ}
-"""What a file allows of these numbers."""
+"""What a file allows of these numbers of a spring and damper."""
+_TYPED = _ALLOWED | {"b_p": q.SIGNED_DAMPING}
+"""What a table [law] allows of them: b_p may give back what the device's damping takes away."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -248,8 +248,9 @@ def certify_law(  # noqa: PLR0913 - options by name, of a public call
     """
     stated = require_wall(law_problem(problem))
     how = _How(limits=limits, lean=lean_on_friction, progress=progress)
+    typed = _allowed_gains({"k": k, "b": b, "b_p": b_p, "cutoff_hz": cutoff_hz})
     if is_system(law):
-        if any(gain is not None for gain in (k, b, b_p, cutoff_hz)):
+        if any(gain is not None for gain in typed.values()):
             raise InputError.of("is a discrete system, which has no k, b, b_p or cutoff_hz; leave them out", key="law")
         return _certify_pieces(StatedSystem.of(law, stated.device), stated, how, one_sided=False)
     # Of detents a spring and damper is one piece of several.
@@ -257,16 +258,26 @@ def certify_law(  # noqa: PLR0913 - options by name, of a public call
     if plain_loops and law is None and stated.law is None and not (b_p or 0.0) < 0:
         plain_law = SpringDamper(k or 0.0, b or 0.0, b_p or 0.0, cutoff_hz)
         return _certify_spring_damper(plain_law, stated, how, remedies=remedies)
-    wall = stated.environment
     # A law in a file without a wall acts everywhere, on both sides; k and b that are typed act in a wall.
-    one_sided = (law is None and stated.law is None) or bool(wall.stiffness_n_per_m or wall.damping_ns_per_m)
-    stated = with_law(stated, law, {"k": k, "b": b, "b_p": b_p, "cutoff_hz": cutoff_hz})
+    one_sided = (law is None and stated.law is None) or _has_wall(stated)
+    stated = with_law(stated, law, typed)
     own_law = stated.law
     assert own_law is not None  # noqa: S101 - with_law gives one
     if plain_loops and own_law.is_spring_damper:
         plain_law = _spring_damper(own_law, one_sided=one_sided)
         return _certify_spring_damper(plain_law, stated, how, remedies=remedies)
     return _certify_pieces(own_law, stated, how, one_sided=one_sided)
+
+
+def _allowed_gains(typed: Mapping[str, float | None]) -> Mapping[str, float | None]:
+    """Return typed gains, or refuse those that a table [law] refuses."""
+    q.refuse_quantities({key: (typed[key], allowed) for key, allowed in _TYPED.items()})
+    return typed
+
+
+def _has_wall(problem: Problem) -> bool:
+    """Return whether a problem has a wall that gives a force."""
+    return bool(problem.environment.stiffness_n_per_m or problem.environment.damping_ns_per_m)
 
 
 @dataclass(frozen=True)
@@ -458,16 +469,9 @@ def valid_law(law: SpringDamper, problem: Problem) -> SpringDamper:
     """Return the law if its numbers are allowed: as those of the same keys in a file."""
     gains = {"k": law.stiffness_n_per_m, "b": law.damping_ns_per_m, "b_p": law.local_damping_ns_per_m}
     numbers = gains if law.cutoff_hz is None else {**gains, "cutoff_hz": law.cutoff_hz}
-    faults: dict[str, str] = {}
-    for key, value in numbers.items():
-        try:
-            _ALLOWED[key](value)
-        except PydanticCustomError as error:
-            faults[key] = error.message()
-    if not faults and not any(gains.values()):
-        faults["k"] = "is 0, and b and b_p are 0 too; give at least one of them"
-    if faults:
-        raise InputError([Fault("", None, key, message) for key, message in faults.items()])
+    q.refuse_quantities({key: (value, _ALLOWED[key]) for key, value in numbers.items()})
+    if not any(gains.values()):
+        raise InputError.of("is 0, and b and b_p are 0 too; give at least one of them", key="k")
     _require_known_delay(problem)
     return law
 

@@ -11,12 +11,15 @@ import numpy as np
 from scipy.linalg import schur, solve_sylvester
 
 from avc_casadi._errors import InputError
+from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.json_values import plain
 from avc_casadi.claims.impedance import moving_stiffness_at_handle
 from avc_casadi.model.control_law import ControlLaw, DifferenceVelocity, LawNumber, LowPassVelocity, TicksVelocity
 from avc_casadi.model.device import Detent, Device
 from avc_casadi.model.law import Law
 from avc_casadi.model.problem import Problem
+from avc_casadi.model.quantity import plain as plain_number
+from avc_casadi.model.table import shown
 
 # Two sample times are the same to this share: 1/dt typed for a rate differs by rounding.
 _SAME_TIME = 1e-9
@@ -24,6 +27,8 @@ _SAME_TIME = 1e-9
 _DIES_AWAY = 1e-9
 
 
+_LARGEST_ENTRY = 1e15
+"""Largest entry of a matrix of a system: beyond any spring and damper at any rate, and its square is a number."""
 # Frequencies at which what is rendered is told.
 _RENDERED_HZ = (1.0, 10.0)
 
@@ -62,16 +67,21 @@ class StatedSystem:
         """
         dt, period = system.dt, device.sample_time_s
         is_time = isinstance(dt, int | float) and not isinstance(dt, bool)
-        if not is_time or not math.isclose(dt, period, rel_tol=_SAME_TIME):
+        if not is_time or not period * (1 - _SAME_TIME) <= dt <= period * (1 + _SAME_TIME):
             allowed = f"allowed: {period:g} s (device.sample_time_s); discretise the system with this time"
-            raise InputError.of(f"has dt = {dt}; {allowed}", key="law")
-        a, b, c, d = (np.atleast_2d(np.asarray(part, dtype=np.float64)) for part in _matrices(system))
+            raise InputError.of(f"has dt = {shown(dt)}; {allowed}", key="law")
+        a, b, c, d = (_matrix(name, getattr(system, name)) for name in "ABCD")
         states = a.shape[-1] if a.size else 0
-        a, b, c = (part.reshape(shape) for part, shape in ((a, (states, states)), (b, (states, -1)), (c, (-1, states))))
-        if d.shape != (1, 1) or (states and (b.shape[1], c.shape[0]) != (1, 1)):
+        if d.shape != (1, 1):
             raise InputError.of(f"has {d.shape[1]} inputs and {d.shape[0]} outputs; allowed: one of each", key="law")
-        if not all(np.isfinite(part).all() for part in (a, b, c, d)):
-            raise InputError.of("has a matrix with invalid numbers; allowed: finite numbers", key="law")
+        if states:
+            if a.shape != (states, states) or not b.size == c.size == states:
+                sizes = ", ".join(f"{name} {part.shape}" for name, part in zip("ABC", (a, b, c), strict=True))
+                raise InputError.of(f"has {sizes}; allowed: A n by n, B n by 1, C 1 by n", key="law")
+            b, c = b.reshape((states, 1)), c.reshape((1, states))
+        if not all((np.abs(part) <= _LARGEST_ENTRY).all() for part in (a, b, c, d)):
+            allowed = f"allowed: finite numbers up to {plain_number(_LARGEST_ENTRY)}"
+            raise InputError.of(f"has a matrix with invalid numbers; {allowed}", key="law")
         radius = float(np.abs(np.linalg.eigvals(a)).max(initial=0.0)) if states else 0.0
         if radius > 1 + _DIES_AWAY:
             allowed = "allowed: at most 1, because the margins are for a controller that is stable by itself"
@@ -80,8 +90,15 @@ class StatedSystem:
         return cls(Law(a, b, c, d, period) if states else Law(a, nothing, nothing.T, d, period))
 
 
-def _matrices(system: Any) -> tuple[Any, Any, Any, Any]:
-    return system.A, system.B, system.C, system.D
+def _matrix(name: str, given: Any) -> FloatArray:
+    """Return a matrix of a system, or refuse what has other entries than real numbers."""
+    try:
+        matrix = np.atleast_2d(np.asarray(given))
+    except ValueError:  # rows of other lengths
+        matrix = np.atleast_2d(np.asarray(None))
+    if matrix.dtype.kind not in "iuf" or matrix.ndim != 2:
+        raise InputError.of(f"has {name} = {shown(given)}; allowed: a matrix of real numbers", key="law")
+    return matrix.astype(np.float64)
 
 
 def is_system(law: object) -> bool:

@@ -12,6 +12,8 @@ from avc_casadi.model.corners import LINEAR_KEYS
 from avc_casadi.model.declared import declared
 from avc_casadi.model.gains import GainSchedule
 from avc_casadi.model.problem import Problem
+from avc_casadi.model.quantity import Quantity, refuse_quantities
+from avc_casadi.model.table import shown
 
 _UNUSED_RANGES = {f"device.range.{key}" for key in LINEAR_KEYS} - {
     "device.range.mass_kg",
@@ -66,8 +68,9 @@ def solve(
     if foreign:
         faults = [f"{name} does not apply to {method}, only to {_methods_with_option(name)}" for name in foreign]
         raise InputError.of("; ".join(faults), key=foreign[0])
-    if tolerance is not None and not SMALLEST_TOLERANCE <= tolerance <= 1:
-        raise InputError.of(f"is {tolerance:g}; allowed: 1e-14 to 1", key="tolerance")
+    refuse_quantities({"tolerance": (tolerance, Quantity("", SMALLEST_TOLERANCE, 1.0, zero=False))})
+    if solver is not None and not isinstance(solver, str):
+        raise InputError.of(f"is {shown(solver)}; allowed: the name of a solver", key="solver")
     stated = require_wall(problem)
     reports = {"progress": progress} if chosen.reports else {}
     with progress.step(f"{method}: {len(stated.frequencies_hz())} frequencies"):

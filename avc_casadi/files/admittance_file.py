@@ -27,6 +27,7 @@ AnyForceFeedback = ForceFeedbackProblem | str | Path | Mapping[str, Any]
 
 VERBS = "check, certify, recommend, explore, trial, zwidth and export"
 """Commands for admittance devices."""
+_IN_PYTHON = "in Python avc.certify_admittance, recommend_admittance and, for zwidth, mass_width"
 _SENSORS = ("force_sensor", "torque_sensor")
 _OF_A_DRIVE = ("drive_bandwidth_hz", "drive_order", "drive_damping_ratio")
 _DRIVES = ("force", *ADMITTANCE_DRIVES)
@@ -68,7 +69,8 @@ def refuse_admittance(tables: Mapping[str, Any], file: str) -> None:
         return
     if model is AdmittanceProblem:
         fact = f"{file}: device.drive is {shown(tables['device'].get('drive', 'missing'))}"
-        raise UnsupportedError(f"{fact}; this is not supported for an admittance device, but {VERBS} are", key="")
+        supported = f"this is not supported for an admittance device, but {VERBS} are"
+        raise UnsupportedError(f"{fact}; {supported} ({_IN_PYTHON})", key="")
     raise _unsupported_feedback(file)
 
 

@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import singledispatch
 from itertools import pairwise
+from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -288,7 +289,7 @@ def write_coupling(coupling: Coupling, path: str | Path) -> None:
 
     Args:
         coupling: as `recommend` returns it, or `Coupling.from_schedule` makes it from the gains of `solve`.
-        path: of the file, which is replaced.
+        path: of the file, .json, which is replaced.
 
     Raises:
         InputError: it is not a coupling, or the file cannot be written.
@@ -301,7 +302,14 @@ def write_coupling(coupling: Coupling, path: str | Path) -> None:
     """
     if not isinstance(coupling, Coupling):
         require_coupling(coupling)
-    write_file(path, coupling_text(coupling))
+    if not isinstance(path, str | PathLike) or Path(path).suffix.lower() != ".json":
+        raise InputError.of(f"is {t.shown(path)}; allowed: the path of a file that ends in .json", key="path")
+    text = coupling_text(coupling)
+    try:
+        write_file(str(path), text)
+    except (OSError, ValueError) as error:  # ValueError: a NUL character in the name
+        why = getattr(error, "strerror", None) or error
+        raise InputError.of(f"cannot be written: {why}", file=str(path)) from error
 
 
 def coupling_text(coupling: Coupling, **further: Any) -> str:

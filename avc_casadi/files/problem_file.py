@@ -248,6 +248,9 @@ def dump_problem(problem: Problem) -> str:
     Args:
         problem: any problem.
 
+    Raises:
+        InputError: it is no problem.
+
     Returns:
         Text from which `parse_problem` makes an equal problem.
 
@@ -256,6 +259,8 @@ def dump_problem(problem: Problem) -> str:
         >>> avc.parse_problem(text, name="figure5") == avc.load_problem("figure5")
         True
     """
+    if not isinstance(problem, Problem):
+        raise InputError.of(f"is {shown(problem)}; allowed: a Problem, as load_problem returns it", key="problem")
     tables = _tables_of(problem, "python")
     del tables["name"]
     return "\n".join(toml_lines((), problem.units.keyed(tables))) + "\n"

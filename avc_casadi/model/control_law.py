@@ -29,7 +29,7 @@ _LEAST_SHARE = 1e-4
 _MOST_SHARE = 0.499
 
 _Signed = {"zero": True, "signed": True}
-SignedDamping = Annotated[float, BeforeValidator(q.Quantity("N.s/m", 1e-9, q.LARGEST_DAMPING_NS_PER_M, **_Signed))]
+SignedDamping = Annotated[float, BeforeValidator(q.SIGNED_DAMPING)]
 SignedMass = Annotated[float, BeforeValidator(q.Quantity("kg", 1e-9, 1e6, **_Signed))]
 Integral = Annotated[float, BeforeValidator(q.Quantity("N/m/s", 1e-9, 1e15))]
 _Width = Annotated[float, BeforeValidator(q.Quantity("", 1e-3, 10, zero=False))]

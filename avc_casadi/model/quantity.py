@@ -4,11 +4,14 @@ Each has a range: a wrong unit is refused, no equation overflows. 0 means "absen
 """
 
 import numbers
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, TypeVar
 
 from pydantic import AfterValidator, BeforeValidator
+from pydantic_core import PydanticCustomError
 
+from avc_casadi._errors import Fault, InputError
 from avc_casadi.model.table import refusal, shown
 
 
@@ -44,6 +47,23 @@ class Quantity:
         if not self.lowest <= magnitude <= self.highest:
             raise refusal(f"is {shown(value)}; allowed: {self.allowed}")
         return float(number)
+
+
+def refuse_quantities(given: Mapping[str, tuple[object, Quantity]]) -> None:
+    """Refuse numbers of a call that a file would refuse; None is one that is left out.
+
+    Raises:
+        InputError: with all of them.
+    """
+    faults = []
+    for key, (value, quantity) in given.items():
+        try:
+            if value is not None:
+                quantity(value)
+        except PydanticCustomError as error:
+            faults.append(Fault("", None, key, error.message()))
+    if faults:
+        raise InputError(faults)
 
 
 @dataclass(frozen=True)
@@ -109,6 +129,7 @@ MOST_FREQUENCIES = 20_000
 """Largest number of rows of a problem or of a gain table."""
 
 DAMPING = Quantity("N.s/m", 1e-9, LARGEST_DAMPING_NS_PER_M)
+SIGNED_DAMPING = Quantity("N.s/m", 1e-9, LARGEST_DAMPING_NS_PER_M, signed=True)
 STIFFNESS = Quantity("N/m", 1e-9, LARGEST_STIFFNESS_N_PER_M)
 HERTZ = Quantity("Hz", 1e-6, 1e7, zero=False)
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ from avc_casadi.files.problem_file import AnyProblem
 from avc_casadi.loops.joint import JointFamily, JointGains
 from avc_casadi.model.joint import Joint
 from avc_casadi.model.problem import Problem
+from avc_casadi.model.table import shown
 from avc_casadi.recommendation.reasons import NoJointGains
 
 DAMPING_RATIO = 0.7
@@ -118,9 +120,11 @@ def recommend_joint(problem: AnyProblem, frequency_hz: float | None = None) -> J
     velocity = stated.law is not None and "velocity" in stated.law.model_fields_set
     engine = stated.end_as(Joint).engine
     half_rate_hz = 0.5 / engine.step_s[1]
-    if frequency_hz is not None and not 0 < frequency_hz < half_rate_hz:
+    is_number = isinstance(frequency_hz, Real) and not isinstance(frequency_hz, bool)
+    if frequency_hz is not None and not (is_number and 0 < frequency_hz < half_rate_hz):
         allowed = f"above 0 and below {half_rate_hz:g} Hz, half the rate of simulation.step_s"
-        raise InputError.of(f"is {frequency_hz:g}; allowed: {allowed}", key="frequency_hz")
+        typed = f"{frequency_hz:g}" if isinstance(frequency_hz, float) else shown(frequency_hz)
+        raise InputError.of(f"is {typed}; allowed: {allowed}", key="frequency_hz")
     search = _JointSearch(JointFamily(engine), difference=velocity)
     stiffest, limited = search.stiffest()
     at_frequency = None

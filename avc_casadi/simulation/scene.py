@@ -22,6 +22,7 @@ from avc_casadi.model.declared import scene_effects
 from avc_casadi.model.gains import NO_COUPLING, Gains, GainSchedule, GainTable, gains_at
 from avc_casadi.model.hands import Hand, StylusHand
 from avc_casadi.model.problem import Problem
+from avc_casadi.model.table import shown
 from avc_casadi.simulation.compile import CompiledScene, build_effects, compile_scene
 from avc_casadi.simulation.effects.base import SceneEffect
 from avc_casadi.simulation.effects.computation import Adaptation
@@ -330,6 +331,8 @@ def without(effects: tuple[SceneEffect, ...], kind: str) -> tuple[SceneEffect, .
 
 def with_hand(problem: Problem, effects: tuple[SceneEffect, ...], hand: Hand | StylusHand) -> tuple[SceneEffect, ...]:
     """Return the effects with a hand, or many, in place of the effect ``hand``."""
+    if not isinstance(hand, Hand | StylusHand):
+        raise InputError.of(f"is {shown(hand)}; allowed: a Hand or a StylusHand", key="hand")
     if not any(effect.kind == Grip.kind for effect in effects):
         raise InputError.of(
             "has no hand to replace; add the effect hand, or list no effects",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import asdict, dataclass
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.model import EFFECTS
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.problem import Problem
+from avc_casadi.model.table import shown
 from avc_casadi.simulation.compile import CompiledScene, build_effects, compile_scene
 from avc_casadi.simulation.scene import AnyGains, Run, resolve, simulate_effects, stage, without
 from avc_casadi.simulation.tick import ca
@@ -151,8 +153,8 @@ def screen(
     problem: Problem, gains: AnyGains, *, tolerance: float = TOLERANCE, progress: Progress = SILENT
 ) -> Screening:
     """Leave out each effect of a scene in turn, then all that it does not need together."""
-    if not 0 <= tolerance < 1:
-        raise InputError.of(f"is {tolerance:g}; allowed: 0 or more and below 1", key="tolerance")
+    if isinstance(tolerance, bool) or not isinstance(tolerance, Real) or not 0 <= tolerance < 1:
+        raise InputError.of(f"is {shown(tolerance)}; allowed: 0 or more and below 1", key="tolerance")
     problem = stage(problem, gains)
     effects, at_start, coupling = resolve(problem, build_effects(problem), gains)
     whole = simulate_effects(problem, effects, at_start, coupling)

@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from numbers import Real
 from typing import Any, TypedDict
 
 import numpy as np
@@ -24,6 +25,8 @@ from avc_casadi.files.problem_file import AnyProblem, accepts_problem, require_w
 from avc_casadi.loops.wall import passive_limit_n_per_m
 from avc_casadi.model.gains import GainSchedule, Status
 from avc_casadi.model.problem import Problem
+from avc_casadi.model.quantity import DAMPING, STIFFNESS
+from avc_casadi.model.table import shown
 from avc_casadi.paper.equations import loop_at
 from avc_casadi.paper.realism import perceived_bounds
 from avc_casadi.paper.rows import gain_schedule
@@ -298,6 +301,8 @@ def compare(
 
 def _checked_optimum(methods: Sequence[MethodName], mine: tuple[float, float] | None) -> MethodName:
     """Return the method that the closed form is compared with; refuse what cannot be compared."""
+    if isinstance(methods, str) or not isinstance(methods, Sequence):
+        raise InputError.of(f"is {shown(methods)}; allowed: a list of names of methods", key="methods")
     for method in methods:
         METHODS.named(method)
     optimum = next((method for method in methods if method in OPTIMISERS), None)
@@ -307,11 +312,16 @@ def _checked_optimum(methods: Sequence[MethodName], mine: tuple[float, float] | 
             f"allowed: closed-form and at least one of {', '.join(OPTIMISERS)}",
             key="methods",
         )
-    if mine is not None and not all(np.isfinite(gain) and gain >= 0 for gain in mine):
-        raise InputError.of(
-            f"{mine[0]:g},{mine[1]:g} are not valid gains; give stiffness and damping, finite and >= 0, as 7000,10",
-            key="mine",
-        )
+    if mine is not None:
+        is_pair = isinstance(mine, Sequence | np.ndarray) and getattr(mine, "ndim", 1) == 1 and len(mine) == 2
+        if not is_pair or not all(isinstance(gain, Real) and not isinstance(gain, bool) for gain in mine):
+            raise InputError.of(f"is {shown(mine)}; allowed: stiffness and damping, as (7000, 10)", key="mine")
+        if not all(0 <= gain <= quantity.highest for gain, quantity in zip(mine, (STIFFNESS, DAMPING), strict=True)):
+            raise InputError.of(
+                f"{','.join(map(shown, mine))} are not valid gains; give stiffness and damping, finite and >= 0, as"
+                " 7000,10",
+                key="mine",
+            )
     return optimum
 
 
