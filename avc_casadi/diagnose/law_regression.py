@@ -104,7 +104,9 @@ def _errors(
     """
     scale = np.sqrt(np.mean(columns**2, axis=0))
     inverse = np.diag(np.linalg.inv((columns / scale).T @ (columns / scale) / len(columns)))
-    # Size of each column beside what the others explain of it.
+    # Of columns of size 1 none is below 1: rounding of columns that explain each other leaves any number.
+    inverse = np.where(inverse < 1 - _ROUNDING, np.inf, inverse)
+    # Size of each column without what the others explain of it.
     sizes = (scale / np.sqrt(inverse)).tolist()
     rms = float(np.sqrt(np.mean(residual**2)))
     white = 2 * rms * math.sqrt(samples_alike(residual) / len(columns))
@@ -112,6 +114,9 @@ def _errors(
     reading_variance = min(of_rest, most_variance)
     errors = {}
     for part, size in zip(use, sizes, strict=False):
+        if size == 0:
+            errors[part] = math.inf
+            continue
         pull = reading_variance / size**2 / (average if part else 1)
         share = min((1 + part) * pull, 1.0)
         error = white / size + abs(factors[1 - part]) * pull + abs(factors[part]) * share
