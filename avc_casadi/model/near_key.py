@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 import typing
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -38,6 +39,9 @@ _MUCH_ALIKE = 0.8
 
 _MOST_TABLES = 3
 """Tables with the same key up to which they are named: of more the hint would choose none."""
+
+_LARGEST_SHOWN = 1e30
+"""Numbers below this are repeated in a hint."""
 
 _MOST_CHARACTERS = 60
 """Characters of a key that are compared."""
@@ -102,7 +106,12 @@ def _with_unit(value: Any, unit: str) -> str:
     """Return a value as text with a unit, as in a file."""
     if isinstance(value, list | tuple):
         return f"[{', '.join(_with_unit(entry, unit) for entry in value[:2])}]"
-    number = f"{value:g}" if isinstance(value, int | float) and not isinstance(value, bool) else "1"
+    if isinstance(value, str):
+        return (
+            f'"{value[:_MOST_CHARACTERS]}"' if re.search(r"[^\W\d_]", value) else f'"{value[:_MOST_CHARACTERS]} {unit}"'
+        )
+    is_number = isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < _LARGEST_SHOWN
+    number = str(value).removesuffix(".0") if is_number else "1"
     return f'"{number} {unit}"'
 
 
