@@ -124,7 +124,7 @@ def _near_of(table: type[BaseModel], file: KeysOf | None, key: str, value: Any) 
     near = _near(key, of_kind, _ALIKE)
     near += [name for name in _near(key, known, _MUCH_ALIKE) if name not in near]
     # Of a key in several tables, those are meant in which it has such a value.
-    elsewhere = {} if file is None else _tables_with(file.table, None) | _tables_with(file.table, kind)
+    elsewhere = {} if file is None else _elsewhere(file.table, table, kind)
     if meant in elsewhere:
         return _in_tables(meant, elsewhere[meant])
     if near:
@@ -159,6 +159,18 @@ def _kind_of_key(table: type[BaseModel], key: str) -> Kind:
     if tables_of(annotation, BaseModel):
         return "table"
     return "list" if any(typing.get_origin(part) in {list, tuple} for part in inside(annotation)) else "value"
+
+
+@lru_cache
+def _elsewhere(file: type[BaseModel], table: type[BaseModel], kind: Kind) -> dict[str, tuple[str, ...]]:
+    """Return the keys of other tables of a file with their headers: with values of a kind, else with any.
+
+    A table of another kind under the same header is no other table.
+    """
+    here = {header for header, inner in _headers(file, "") if inner is table}
+    places = _tables_with(file, None) | _tables_with(file, kind)
+    others = {key: tuple(header for header in headers if header not in here) for key, headers in places.items()}
+    return {key: headers for key, headers in others.items() if headers}
 
 
 def _in_tables(key: str, tables: tuple[str, ...]) -> str:

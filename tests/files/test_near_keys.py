@@ -102,6 +102,14 @@ def test_a_hint_has_the_keys_of_a_device_that_turns(table, key, hint):
     assert hint_of(f"{table}.{key}".removeprefix("."), **tables) == hint
 
 
+def test_a_key_of_another_kind_of_the_same_table_does_not_lead_back_to_that_table():
+    text = toml(LINEAR) + '\n[law]\nstiffness_n_per_m = 1\nvelocity = { kind = "window", samples = 3, cutoff_hz = 9 }\n'
+    with pytest.raises(avc.InputError) as refused:
+        avc.parse_problem(text)
+    (fault,) = refused.value.faults
+    assert "did you mean" not in fault.message
+
+
 @pytest.mark.parametrize(
     ("tables", "table", "key", "value", "text"),
     [
