@@ -199,7 +199,7 @@ def _answered(args: argparse.Namespace, console: Console, arguments: Sequence[st
         if isinstance(error, InputError):
             return _refused(console, InputError([_located(args, fault) for fault in error.faults]))
         if isinstance(error, AvcError | OSError):
-            return _refused(console, error)
+            return _refused(console, error, _file_of(args, error))
         console.complain(traceback.format_exc())
         console.refuse(InputError.of(f"internal error: {error!r}"), "avc: internal error; please report this output")
         return INTERNAL
@@ -237,7 +237,17 @@ def _keep_inputs(args: argparse.Namespace) -> None:
                 raise InputError.of(message, key=args.options.get(key, key.upper()))
 
 
-def _refused(console: Console, error: AvcError | OSError) -> int:
+def _file_of(args: argparse.Namespace, error: AvcError | OSError) -> str:
+    """Return what an error is about: the port of a link, the file of the operating system, or the command's file."""
+    if isinstance(error, LinkError):
+        return str(getattr(args, "port", ""))
+    if isinstance(error, OSError):
+        return str(error.filename or "")
+    given = getattr(args, args.first, "") if isinstance(error, NotDeployableError | UnsupportedError) else ""
+    return given if isinstance(given, str) else ""
+
+
+def _refused(console: Console, error: AvcError | OSError, file: str = "") -> int:
     if isinstance(error, InputError):
         error = InputError([replace(fault, file=fault.file or "command line") for fault in error.faults])
         count = len(error.faults)
@@ -245,6 +255,7 @@ def _refused(console: Console, error: AvcError | OSError) -> int:
         console.refuse(error, "\n".join(f"avc: {fault}" for fault in error.told) + summary)
         return BAD_INPUT
     key = error.key if isinstance(error, UnsupportedError) else ""
-    console.refuse(InputError.of(str(error), key=key), f"avc: {error}")
+    message = str(error).removeprefix(f"{file}: ") if file else str(error)
+    console.refuse(InputError.of(message, file=file, key=key), f"avc: {error}")
     said_no = isinstance(error, LinkError | NotDeployableError) and not isinstance(error, PortError)
     return NO if said_no else BAD_INPUT
