@@ -294,7 +294,8 @@ def test_an_admittance_device_is_read_back(tmp_path_factory, values, data):
     assert read.law is None
 
 
-ARM = ["--drive", "velocity", "--drive-bandwidth", "15 Hz", "--sensor-stiffness", "1 kN/mm", "--handle-mass", "800 g"]
+DRIVE = ["--drive", "velocity", "--drive-bandwidth", "15 Hz", "--handle-mass", "800 g"]
+ARM = [*DRIVE, "--sensor-stiffness", "1 kN/mm"]
 
 
 def test_the_file_of_an_admittance_device_marks_what_is_assumed(tmp_path, monkeypatch, capsys):
@@ -333,7 +334,7 @@ def test_an_admittance_device_that_turns_has_its_own_options(tmp_path, monkeypat
         ([*ARM, "--like", "falcon"], "--like", "commanded a force"),
         ([*ARM, "--held", "stylus"], "--held", "grip, wheel, fingertip, foot or other"),
         ([*ARM, "--contact", "soft"], "--contact", "stiffness_n_per_m"),
-        ([*ARM, "--sensor-stiffness", "0 N/m"], "--sensor-stiffness", "allowed"),
+        ([*DRIVE, "--sensor-stiffness", "0 N/m"], "--sensor-stiffness", "allowed"),
         (["--max-speed", "1 m/s"], "--max-speed", "--drive velocity only"),
         ([*ARM, "--handle-inertia", "1 kg.m2"], "--handle-mass", "rotary"),
     ],

@@ -103,7 +103,7 @@ def test_the_stiffest_coupling_is_the_top_of_the_highest_hump_over_its_dampers(n
         def stable(one):
             return one.stiffness_n_per_m <= limit(one.damping_ns_per_m, top)
 
-        loops = SimpleNamespace(stable=stable, has_counterexample=lambda _: False, motors=0)
+        loops = SimpleNamespace(stable=stable, has_counterexample=lambda *_: False, motors=0)
         return CouplingSearch(loops, Scale(0.12, 0.8, 1e-3, 1e-2))
 
     found = search(1.0).stiffest()

@@ -156,7 +156,7 @@ def test_keys_of_a_device_that_turns():
 def test_a_timeout_is_searched_within_what_a_law_may_have():
     law = ControlLaw(damping_ns_per_m=2.0, velocity={"kind": "ticks", "timeout_s": 0.02})
     timeout = next(number for number in law.numbers(1e-3) if number.path[-1] == "timeout_s")
-    assert (timeout.lowest, timeout.highest) == (1e-3, 0.128)
+    assert (timeout.lowest, timeout.highest) == (1e-3, 0.032)
 
 
 @pytest.mark.parametrize("samples", [20, 60])
