@@ -15,7 +15,7 @@ from avc_casadi._util.json_values import plain_table
 from avc_casadi._util.progress import SILENT, Progress, Stages
 from avc_casadi._util.text import number
 from avc_casadi.coupling import Coupling
-from avc_casadi.diagnose.change import FEW_STEPS, OTHER, cause_of
+from avc_casadi.diagnose.change import FEW_STEPS, OTHER, cause_of, late_alone, undeclared_mode, unknown_mechanics
 from avc_casadi.diagnose.fit import FitTask, PlantFit, fit_log
 from avc_casadi.diagnose.law import FittedLaw, find_law, is_cut_off
 from avc_casadi.diagnose.mass import apparent_mass_kg
@@ -25,6 +25,7 @@ from avc_casadi.diagnose.remedies import LoggedScene, Remedy, remedies_of, witho
 from avc_casadi.diagnose.rest import below_limit, rests, toggles_by_a_step
 from avc_casadi.diagnose.should_run import RunComparison, compared_with
 from avc_casadi.diagnose.words import CAUSES, cause_numbers
+from avc_casadi.diagnose.work import work_w
 from avc_casadi.identification.log import Columns, allowed_sign, require_radius, require_radius_of
 from avc_casadi.identification.read import Layout, read_columns
 from avc_casadi.model.device import Device
@@ -83,8 +84,8 @@ _NEAR_BY_SHARE = 0.01
 _NEAR_BY_MOST = 8
 """About as many such hypotheses are simulated."""
 
-_EXPLAINS_AS_WELL = 1.3
-"""Residual, per that of the best answer, up to which another structure explains the log as well."""
+_BESIDE_UNKNOWN = frozenset({"delay", "let-go"})
+"""Causes for which undeclared mechanics, a resonance or travel stops, may stand: the fit beside them is no proof."""
 
 _USUAL_STAGES = 9
 """Stages of a usual diagnosis: four structures, each fitted and refined; causes and remedies."""
@@ -113,6 +114,8 @@ class Diagnosis:
     """The log that would decide."""
     remedies: tuple[Remedy, ...] = ()
     fit: PlantFit | None = None
+    hand_determined: bool = True
+    """Whether only structures with a hand explain the motion, or only those without."""
     notes: tuple[str, ...] = ()
     compared: RunComparison | None = None
 
@@ -431,10 +434,16 @@ def _judge(diagnosis: Diagnosis, law: FittedLaw, fits: Sequence[PlantFit]) -> Di
 
     hypotheses = _to_be_mended(best, answers, fits, log, design)
     remedies = [remedy for cause in mended for remedy in remedies_of(cause, hypotheses, law, scene, log, design)]
-    if doubts and not design.known:
-        # Neither delay nor hand of an assumed device is to be relied on where the answer is in doubt.
+    if doubts and (unknown_mechanics(fit.best, design) or not design.known):
+        # Neither delay nor hand beside unknown mechanics is to be relied on where the answer is in doubt.
         remedies = [remedy for remedy in remedies if not (remedy.while_held or remedy.key == "delay_samples")]
-    diagnosis = replace(diagnosis, shares=shares, fit=fit, remedies=tuple(dict.fromkeys(remedies)))
+    diagnosis = replace(
+        diagnosis,
+        shares=shares,
+        fit=fit,
+        hand_determined=_hand_determined(fit, fits),
+        remedies=tuple(dict.fromkeys(remedies)),
+    )
     if not doubts:
         words = f"{CAUSES[first].name}: {cause_numbers(first, fit.best, law, log, diagnosis.swing, design)}"
         words += "; travel stops limit the motion" if fit.best.stops is not None else ""
@@ -484,6 +493,11 @@ def _shares(answers: Sequence[_Answer]) -> dict[str, float]:
     return dict(sorted(shares.items(), key=lambda item: -item[1]))
 
 
+def _hand_determined(best: PlantFit, fits: Sequence[PlantFit]) -> bool:
+    """Return whether structures that explain the motion have a hand as the best one has, or none as it has none."""
+    return all((fit.best.hand is None) == (best.best.hand is None) for fit in fits if fit.explains_as_well(best))
+
+
 def _to_be_mended(
     best: _Answer, answers: Sequence[_Answer], fits: Sequence[PlantFit], log: Log, design: IntendedLaw
 ) -> list[Hypothesis]:
@@ -491,10 +505,11 @@ def _to_be_mended(
     total = sum(answer.weight for answer in answers)
     near_by = [answer.hypothesis for answer in answers if answer.weight > _NEAR_BY_SHARE * total]
     near_by = near_by[:: max(1, len(near_by) // _NEAR_BY_MOST)]
+    if undeclared_mode(best.hypothesis, design) or not design.known:
+        # The priors of a resonance and of an assumed device are a guess: each structure that explains the log counts.
+        near_by += [fit.best for fit in fits if fit.explains_as_well(best.fit)]
     if not design.known:
-        # The prior of an assumed device is a guess: each structure that explains the log counts.
-        most = max(1.0, _EXPLAINS_AS_WELL * best.fit.misfit)
-        return [best.hypothesis, *near_by, *(fit.best for fit in fits if fit.misfit < most)]
+        return [best.hypothesis, *near_by]
     # Damping is told the worst, and a delay not at all by noise: a remedy has to do for the declared ones too.
     declared = best.hypothesis.vary(
         mass_kg=design.device.mass_kg,
@@ -527,6 +542,10 @@ def _doubts(
     beyond_declared = fit.best.delay + law.lag - design.latest(log)
     if fit.at_end or (first == "delay" and beyond_declared < 2 * fit.delay_error):
         doubts.append("the log does not determine the delay")
+    if unknown_mechanics(fit.best, design) and first in _BESIDE_UNKNOWN:
+        doubts.append("a resonance or travel stops that are not declared explain the motion too")
+    if first == "resonance" and late_alone(fit.best, law, log, design):
+        doubts.append("without the delay beyond the declared one the loop settles too")
     if not _settles_without(first, fit.best, law, scene, diagnosis):
         doubts.append("simulated without it the loop swings too")
     return doubts
@@ -544,20 +563,3 @@ def _settles_without(
         return True
     exact = replace(scene, encoder_m=0.0, noise_m=0.0) if cause == "encoder" else scene
     return exact.decays(mended, mended_law)
-
-
-def work_w(log: Log, swing: Oscillation, hypothesis: Hypothesis) -> float:
-    """Return the mean power of the force on the device, W, over whole cycles, the force as it acts: late and held.
-
-    -1/(N T) sum over n of F(n - delay) (x(n+1) - x(n)), as the force counts against the position.
-    """
-    inside = log.position_m[swing.first : swing.last]
-    middle = inside.mean()
-    rises = swing.first + np.flatnonzero((inside[1:] > middle) & (inside[:-1] <= middle)) + 1
-    if rises.size < 2:
-        return 0.0
-    ticks = np.arange(int(rises[0]), int(rises[-1]))
-    # The force of a tick acts from its delay on.
-    acting = np.interp(ticks - hypothesis.delay, np.arange(log.force_n.size), log.force_n)
-    moves = log.position_m[ticks + 1] - log.position_m[ticks]
-    return -float(np.sum(acting * moves)) / (ticks.size * log.period_s)

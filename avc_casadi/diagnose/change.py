@@ -35,17 +35,32 @@ def cause_of(hypothesis: Hypothesis, law: FittedLaw, log: Log, swing: Oscillatio
     slower = (design.known and design.samples_a_tick(log) > 1) or log.hold > 1
     if slower and stable(*without("rate", hypothesis, law, log, design)):
         return "rate"
-    late = hypothesis.delay + law.lag > design.latest(log) + _LATE_TICKS
-    if late and stable(*without("delay", hypothesis, law, log, design)):
+    # A delay or the lack of a hand beside a resonance may stand for what is not known of it.
+    if undeclared_mode(hypothesis, design) and stable(*without("resonance", hypothesis, law, log, design)):
+        return "resonance"
+    if late_alone(hypothesis, law, log, design):
         return "delay"
     if hypothesis.hand is None and _had_rest(log, swing, growth(hypothesis, law)):
         return "let-go"
-    resonant = hypothesis.device.resonance is not None
-    if resonant and stable(*without("resonance", hypothesis, law, log, design)):
-        return "resonance"
     damping_limit, stiffness_limit = (limit_of(hypothesis, law, gain) for gain in ("damping", "stiffness"))
     wider = "damping" if damping_limit > stiffness_limit else "stiffness"
     return wider if max(damping_limit, stiffness_limit) else OTHER
+
+
+def undeclared_mode(hypothesis: Hypothesis, design: IntendedLaw) -> bool:
+    """Return whether a hypothesis has a resonance that is not declared."""
+    return hypothesis.device.resonance is not None and design.device.resonance is None
+
+
+def unknown_mechanics(hypothesis: Hypothesis, design: IntendedLaw) -> bool:
+    """Return whether a hypothesis has a resonance or travel stops that are not declared."""
+    return undeclared_mode(hypothesis, design) or hypothesis.stops is not None
+
+
+def late_alone(hypothesis: Hypothesis, law: FittedLaw, log: Log, design: IntendedLaw) -> bool:
+    """Return whether a loop is later than declared, and settles with the declared delay."""
+    late = hypothesis.delay + law.lag > design.latest(log) + _LATE_TICKS
+    return late and stable(*without("delay", hypothesis, law, log, design))
 
 
 def _had_rest(log: Log, swing: Oscillation, growth_per_s: float) -> bool:

@@ -8,13 +8,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import optimize, signal
+from scipy import optimize
 
 from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi._util.progress import Stages
 from avc_casadi.diagnose.law import FittedLaw
+from avc_casadi.diagnose.motion import SampledMotion
 from avc_casadi.diagnose.oscillation import LEAST_ALIKE, Log, Oscillation, samples_alike
-from avc_casadi.diagnose.plant import DeviceValue, Hypothesis, IntendedLaw
+from avc_casadi.diagnose.plant import DeviceValue, EncoderSide, Hypothesis, IntendedLaw
 from avc_casadi.diagnose.priors import (
     ASSUMED_SPREAD,
     DAMPING_SPREAD,
@@ -25,8 +26,7 @@ from avc_casadi.diagnose.priors import (
     hand_unknowns,
 )
 from avc_casadi.diagnose.windows import MOST_DELAY, Window, windows_of
-from avc_casadi.model.hands import Hand, released_hand
-from avc_casadi.model.plant import sampled_plant
+from avc_casadi.model.hands import Hand
 
 _LEAST_DELAY = 2e-3
 """Shortest delay that is searched, ticks."""
@@ -47,6 +47,9 @@ _MODE_LEAST_PRIOR_HZ = 40.0
 
 _MODE_LOWEST_HZ = 25.0
 """Lowest frequency of a resonance, Hz: what is slower is a hand."""
+
+_ENCODER_SIDES: tuple[EncoderSide, ...] = ("motor", "handle")
+"""Sides of a resonance on which an encoder may be."""
 
 _MODE_SPREAD = 0.6
 """Spread of frequency and damping ratio of a resonance."""
@@ -82,6 +85,9 @@ _MODEL_ERROR = 5e-3
 _BEGIN_LEVEL = 1.7
 """Residual, per noise, with which the first search weighs the prior."""
 
+_SEARCH_STEP = 1e-4
+"""Step of an unknown for a derivative, per size or spread of the unknown, whichever is larger."""
+
 _BEGIN_TRIES = 15
 """Evaluations of the first search."""
 
@@ -111,6 +117,12 @@ _STOPS_BETTER = 0.5
 
 _UNEXPLAINED = 2
 """Residual, per noise, above which a structure does not explain the motion."""
+
+_STOPS_UNEXPLAINED = 4
+"""The same from which on stops are tried: what turns the motion back is a good share of it."""
+
+_EXPLAINS_AS_WELL = 1.3
+"""Residual, per that of the best answer, up to which another structure explains the log as well."""
 
 _FRICTIONS = (0.8, 1.25)
 """Factors of a declared friction with which a delay is fitted too."""
@@ -143,6 +155,10 @@ class PlantFit:
     at_end: bool
     """Whether the delay is the longest that is searched."""
 
+    def explains_as_well(self, best: PlantFit) -> bool:
+        """Return whether it explains the motion as well as the best fit, or to within the noise."""
+        return self.misfit < max(1.0, _EXPLAINS_AS_WELL * best.misfit)
+
     def in_ticks(self, log: Log) -> PlantFit:
         """Return the fit of samples of a log in its ticks."""
 
@@ -151,59 +167,6 @@ class PlantFit:
 
         draws = tuple(map(in_ticks, self.draws))
         return replace(self, best=in_ticks(self.best), draws=draws, delay_error=self.delay_error / log.hold)
-
-
-@dataclass(frozen=True, eq=False)
-class _SampledMotion:
-    """x(n+1) = A x(n) + b_new F(n-d) + b_old F(n-d-1), position c x(n): device and hand in ticks, velocities a tick."""
-
-    matrix: FloatArray
-    """A, shape (s, s)."""
-    new: FloatArray
-    """b_new, shape (s,)."""
-    old: FloatArray
-    """b_old, shape (s,)."""
-    output_row: FloatArray
-    """c, shape (s,)."""
-    characteristic: FloatArray
-    """Characteristic polynomial of A, shape (s + 1,)."""
-    whole_delay: int
-    """d, ticks."""
-
-    @classmethod
-    def of(cls, hypothesis: Hypothesis, period_s: float) -> _SampledMotion:
-        """Return the motion of a device and its hand."""
-        plant = sampled_plant(hypothesis.device, hypothesis.hand or released_hand())
-        scale = np.array([period_s if name.endswith("_per_s") else 1.0 for name in plant.names])
-        matrix = plant.matrix[0, 0] * scale[:, None] / scale
-        return cls(
-            matrix=matrix,
-            new=plant.new[0, 0] * scale,
-            old=plant.old[0, 0] * scale,
-            output_row=plant.output_row,
-            characteristic=np.asarray(np.poly(matrix)),
-            whole_delay=int(plant.whole_delay[0]),
-        )
-
-    def response(self, entry: FloatArray, force: FloatArray) -> FloatArray:
-        """Return the position under a force from rest, shape (n,), where b = `entry` is how it enters the state.
-
-        sum over k of c A^(k-1) b F(n-k), as a filter whose denominator is the characteristic polynomial of A.
-        """
-        order = self.characteristic.size - 1
-        markov, state = [0.0], entry.copy()
-        for _ in range(order):
-            markov.append(float(self.output_row @ state))
-            state = self.matrix @ state
-        numerator = np.convolve(self.characteristic, markov)[: order + 1]
-        return np.asarray(signal.lfilter(numerator, self.characteristic, force, axis=0))
-
-    def free(self, n: int) -> FloatArray:
-        """Return the position c A^k of free motion from each state over n ticks, shape (n, s)."""
-        free, power = self.output_row[None, :], self.matrix
-        while len(free) < n:
-            free, power = np.concatenate([free, free @ power]), power @ power
-        return free[:n]
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,7 +188,8 @@ class _Structure:
     design: IntendedLaw
     period_s: float
     hand: bool
-    resonant: bool
+    encoder_at: EncoderSide | None
+    """Side of an undeclared resonance on which the encoder is; None without a resonance."""
     names: tuple[str, ...]
     """Names of the u unknowns; the delay is the first, those of a resonance are the last three."""
     middle: FloatArray
@@ -247,14 +211,19 @@ class _Structure:
         unknowns: Sequence[Unknown],
         *,
         hand: bool,
-        resonant: bool,
+        encoder_at: EncoderSide | None,
     ) -> _Structure:
         """Return the structure of some unknowns."""
         names = tuple(unknown.name for unknown in unknowns)
         middle = np.array([unknown.middle for unknown in unknowns])
         spread = np.array([unknown.spread for unknown in unknowns])
         most_delay = MOST_DELAY * grid.a_tick
-        return cls(design, grid.period_s, hand, resonant, names, middle, spread, slow_hz, most_delay)
+        return cls(design, grid.period_s, hand, encoder_at, names, middle, spread, slow_hz, most_delay)
+
+    @property
+    def resonant(self) -> bool:
+        """Whether it has a resonance that is not declared."""
+        return self.encoder_at is not None
 
     @property
     def bounds(self) -> tuple[FloatArray, FloatArray]:
@@ -277,7 +246,8 @@ class _Structure:
         if "device_mass" in value:
             changed["mass_kg"] = device.mass_kg * math.exp(value["device_mass"])
             changed["damping_ns_per_m"] = device.damping_ns_per_m * math.exp(value["device_damping"])
-        if self.resonant:
+        if self.encoder_at is not None:
+            changed["encoder_at"] = self.encoder_at
             changed["resonance"] = {
                 "frequency_hz": math.exp(value["mode_frequency"]),
                 "damping_ratio": min(math.exp(value["mode_damping_ratio"]), _MOST_DAMPING_RATIO),
@@ -297,7 +267,7 @@ class _Structure:
         hand, and without a hand a weight that may change.
         """
         n = window.position.size
-        motion = _SampledMotion.of(self.hypothesis(point), self.period_s)
+        motion = SampledMotion.of(self.hypothesis(point), self.period_s)
         forced = self._forced(motion, window)
         use, columns = window.use, [motion.free(n)]
         if self.stops is not None:
@@ -320,7 +290,7 @@ class _Structure:
             return np.full(max(unforced.size, 1), np.ptp(window.position))
         return np.asarray(unforced - upright @ (upright.T @ unforced)) * math.sqrt(unforced.size / spare)
 
-    def _forced(self, motion: _SampledMotion, window: Window) -> FloatArray:
+    def _forced(self, motion: SampledMotion, window: Window) -> FloatArray:
         """Return the position under the logged force and the friction of the device, from rest, shape (n,), m."""
         n = window.position.size
         now = window.past.size - n - motion.whole_delay
@@ -338,17 +308,25 @@ class _Structure:
             residuals = [self.residual(point, window) / level for window, level in zip(windows, levels, strict=True)]
             return np.concatenate([*residuals, (point - self.middle) / self.spread])
 
+        def slope(point: FloatArray) -> FloatArray:
+            # A step relative to an unknown alone would vanish for one that is about 0.
+            steps = _SEARCH_STEP * np.maximum(np.abs(point), self.spread)
+            steps = np.where(point + steps > high, -steps, steps)
+            here = weighted(point)
+            changes = [(weighted(point + step) - here) / step.sum() for step in np.diag(steps)]
+            return np.stack(changes, axis=1)
+
         low, high = self.bounds
         result = optimize.least_squares(
             weighted,
             np.clip(first, low + 1e-6, high - 1e-6),
+            jac=slope,
             bounds=(low, high),
             x_scale=self.spread,
-            diff_step=np.full(first.size, 1e-4),
             max_nfev=tries,
         )
-        slope = np.asarray(result.jac)
-        return _Solution(np.asarray(result.x), slope.T @ slope, float(result.cost))
+        jacobian = np.asarray(result.jac)
+        return _Solution(np.asarray(result.x), jacobian.T @ jacobian, float(result.cost))
 
     def rms(self, point: FloatArray, windows: Sequence[Window]) -> list[float]:
         """Return the residual in each window, root mean square, m."""
@@ -369,7 +347,7 @@ def _anew(free: FloatArray, between: BoolArray) -> list[FloatArray]:
 def _structures(design: IntendedLaw, grid: Grid, lag: float, swing_hz: float, *, resonant: bool) -> list[_Structure]:
     """Return the structures that may have made a log: with and without a hand, each with a declared or a longer delay.
 
-    A resonance is tried with a hand and a declared delay alone.
+    A resonance is tried with the declared delay alone, the encoder on either side of it.
     """
     hand = hand_unknowns(design)
     device = [
@@ -385,10 +363,13 @@ def _structures(design: IntendedLaw, grid: Grid, lag: float, swing_hz: float, *,
             Unknown("mode_damping_ratio", math.log(_MODE_DAMPING_RATIO), _MODE_SPREAD),
             Unknown("mode_mass_ratio", _MODE_MASS_RATIO, _MODE_MASS_SPREAD),
         ]
-        unknowns = [punctual, *held, *mode]
-        return [_Structure.of(design, grid, slow_hz, unknowns, hand=True, resonant=True)]
+        return [
+            _Structure.of(design, grid, slow_hz, [punctual, *unknowns, *mode], hand=with_hand, encoder_at=side)
+            for with_hand, unknowns in ((True, held), (False, device))
+            for side in _ENCODER_SIDES
+        ]
     return [
-        _Structure.of(design, grid, slow_hz, [delay, *unknowns], hand=with_hand, resonant=False)
+        _Structure.of(design, grid, slow_hz, [delay, *unknowns], hand=with_hand, encoder_at=None)
         for with_hand, unknowns in ((True, held), (False, device))
         for delay in (punctual, late)
     ]
@@ -493,12 +474,12 @@ def _fits(task: FitTask, design: IntendedLaw, grid: Grid, lag: float) -> list[Pl
     if left.size > _WHITE_FROM and samples_alike(left) <= LEAST_ALIKE:
         scatter, noise = max(scatter, least), max(noise, least)
     # Behind stops the acceleration is of a force that is not in the log.
-    if least > _UNEXPLAINED * noise and swing.steps > _STOPS_STEPS:
+    if least > _STOPS_UNEXPLAINED * noise and swing.steps > _STOPS_STEPS:
         for structure in plain:
             stages.begin("travel stops")
             trials += _with_stops(structure, inside, windows, noise, least)
-    unexplained = min(trial.residual_m for trial in trials) > _UNEXPLAINED * noise
-    if design.device.resonance is None and unexplained:
+    # Stops explain a resonance too, as the motion begins anew after each contact: they do not stand in for it.
+    if least > _UNEXPLAINED * noise and design.device.resonance is None:
         stages.begin("a resonance")
         resonant = _structures(design, grid, lag, swing.frequency_hz, resonant=True)
         trials += [_begin(structure, windows, noise) for structure in resonant]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Literal
 
 from avc_casadi.diagnose.law import FittedLaw
 from avc_casadi.diagnose.oscillation import Log
@@ -20,8 +21,11 @@ from avc_casadi.model.quantity import LEAST_DELAY_SAMPLES
 _SLOWER_LOG = 1.3
 """Sample times of the device from which on a tick of a log is a longer one, not the same with an error."""
 
-DeviceValue = float | Mapping[str, float] | None
-"""Value of a key of a device: a number, a table such as a resonance, or none."""
+EncoderSide = Literal["motor", "handle"]
+"""Side of a resonance on which the encoder is."""
+
+DeviceValue = float | EncoderSide | Mapping[str, float] | None
+"""Value of a key of a device: a number, the place of its encoder, a table such as a resonance, or none."""
 
 
 @dataclass(frozen=True)

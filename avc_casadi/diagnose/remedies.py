@@ -417,11 +417,11 @@ RemedyKey = Literal[
 
 @dataclass(frozen=True)
 class Remedy:
-    """A change with which the simulation of the fitted plant settles; by dry friction, or while this hand holds it."""
+    """A change from what is, or None, with which the simulation settles; by dry friction, or while this hand holds."""
 
     key: RemedyKey
     value: float
-    before: float
+    before: float | None
     quantity: Quantity
     by_friction: bool = False
     while_held: bool = False
@@ -557,7 +557,7 @@ def _of_filter(cause: str, law: FittedLaw, scene: LoggedScene, period_s: float) 
         filters_hz = [hertz for hertz in quicker if hertz < _MOST_CUT_OFF / period_s]
     for hertz in filters_hz:
         filtered = replace(law, keep=math.exp(-2 * math.pi * hertz * period_s))
-        yield _Change(Remedy("velocity_filter_hz", hertz, cut_off_hz or 0.5 / period_s, "frequency"), filtered, scene)
+        yield _Change(Remedy("velocity_filter_hz", hertz, cut_off_hz, "frequency"), filtered, scene)
 
 
 def _gain(law: FittedLaw, *, spring: bool) -> float:

@@ -48,13 +48,14 @@ def cause_numbers(
     released = ", with no hand on the device" if hypothesis.hand is None else ""
     frames_late = law.frames.late if law.frames else law.lag
     late = f", {number(frames_late, 2)} of them late" if frames_late else ""
+    steps = number(swing.steps, 2)
     words = {
         "delay": f"{delay} samples, {intended}",
         "rate": f"a new force every {number(1e3 * log.period_s, 3)} ms{late}",
         "stiffness": f"k = {spring}{released}",
         "damping": f"b = {damper}{released}",
         "let-go": "the device was at rest in contact; without a hand it oscillates",
-        "encoder": f"{number(swing.steps, 2)} steps peak to peak, b = {damper}",
+        "encoder": f"{steps} step{'' if steps == '1' else 's'} peak to peak, b = {damper}",
     }
     if mode:
         words["resonance"] = f"{number(mode.frequency_hz, 3)} Hz, not declared"

@@ -11,11 +11,12 @@ from quick import first
 from scipy.signal import find_peaks
 
 import avc_casadi as avc
-from avc_casadi.diagnose.causes import diagnose, work_w
+from avc_casadi.diagnose.causes import diagnose
 from avc_casadi.diagnose.law import find_law
 from avc_casadi.diagnose.oscillation import find_oscillation, log_of
 from avc_casadi.diagnose.plant import Hypothesis, growth
 from avc_casadi.diagnose.steady import levels_off
+from avc_casadi.diagnose.work import work_w
 from avc_casadi.identification.log import Columns
 from avc_casadi.model.device import Device
 from avc_casadi.model.hands import Hand

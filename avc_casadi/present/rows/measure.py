@@ -241,7 +241,8 @@ def _diagnosis_rows(result: Diagnosis) -> list[Row]:
 def _remedy(remedy: Remedy) -> Row:
     only = "; settles only by dry friction" if remedy.by_friction else ""
     only += "; settles only while held" if remedy.while_held else ""
-    value, before = Value(remedy.value, remedy.quantity), Value(remedy.before, remedy.quantity)
+    value = Value(remedy.value, remedy.quantity)
+    before = "none" if remedy.before is None else Value(remedy.before, remedy.quantity)
     return row("Remedy", words.REMEDIES[remedy.key], value, "instead of", before, only)
 
 
@@ -287,13 +288,17 @@ def _gain(value: float, error: float, quantity: Quantity) -> tuple[Part, ...]:
 
 
 def _fitted_plant(result: Diagnosis, law: FittedLaw, fit: PlantFit) -> list[Row]:
-    """Return delay, hand and travel stops of the fitted plant."""
+    """Return delay, hand, resonance and travel stops of the fitted plant."""
     samples_a_tick = result.design.samples_a_tick(result.log)
     intended = " to ".join(number(end, 3) for end in dict.fromkeys(result.design.delay_samples))
     origin = "declared" if result.design.known else "assumed"
     error = f"± {number(fit.delay_error * samples_a_tick, 1)}; {origin} {intended}"
     delay = Value((fit.best.delay + law.lag) * samples_a_tick, "samples")
-    rows = [row("Delay", delay, error), row("Hand", _fitted_hand(fit.best.hand))]
+    hand = _fitted_hand(fit.best.hand) if result.hand_determined else "not determined"
+    rows = [row("Delay", delay, error), row("Hand", hand)]
+    mode = fit.best.device.resonance
+    if mode is not None and result.design.device.resonance is None:
+        rows.append(row("Resonance", Value(mode.frequency_hz, "frequency"), ", not declared"))
     if fit.best.stops:
         rows.append(row("Stops", commas(Value(position, "length") for position in fit.best.stops)))
     return rows

@@ -1,0 +1,51 @@
+"""The work of the force on the motor: a force that takes energy from an oscillation does not cause it."""
+
+from __future__ import annotations
+
+import cmath
+import math
+
+import numpy as np
+
+from avc_casadi.diagnose.oscillation import Log, Oscillation
+from avc_casadi.diagnose.plant import Hypothesis
+from avc_casadi.model.hands import released_hand
+from avc_casadi.model.plant import DEVICE, sampled_plant
+
+
+def work_w(log: Log, swing: Oscillation, hypothesis: Hypothesis) -> float:
+    """Return the mean power of the force, W, over whole cycles, by the size of the motion that the encoder reads.
+
+    -1/(N T) sum over n of F(n - delay - lead) (x(n+1) - x(n)), as the force counts against the position. The force acts
+    late and held, and on the motor, whose motion leads that of an encoder behind a resonance.
+    """
+    inside = log.position_m[swing.first : swing.last]
+    middle = inside.mean()
+    lead_ticks = _lead_ticks(hypothesis, swing.frequency_hz)
+    behind = hypothesis.delay + lead_ticks
+    rises = swing.first + np.flatnonzero((inside[1:] > middle) & (inside[:-1] <= middle)) + 1
+    # Of the first cycles of a log, the force that acts on the motor may be of before it.
+    rises = rises[rises >= lead_ticks]
+    if rises.size < 2:
+        return 0.0
+    ticks = np.arange(int(rises[0]), int(rises[-1]))
+    # The force of a tick acts from its delay on.
+    acting = np.interp(ticks - behind, np.arange(log.force_n.size), log.force_n)
+    moves = log.position_m[ticks + 1] - log.position_m[ticks]
+    return -float(np.sum(acting * moves)) / (ticks.size * log.period_s)
+
+
+def _lead_ticks(hypothesis: Hypothesis, frequency_hz: float) -> float:
+    """Return the ticks, within a cycle, by which the motion of the motor is ahead of what the encoder reads.
+
+    The angle of G_motor / G_encoder at z = e^(j omega T), with G = c (z I - A)^-1 b of the sampled plant.
+    """
+    plant = sampled_plant(hypothesis.device, hypothesis.hand or released_hand())
+    motor_row = np.array([float(name == f"{DEVICE}_position_m") for name in plant.names])
+    if np.array_equal(motor_row, plant.output_row):
+        return 0.0
+    angle = 2 * math.pi * frequency_hz * plant.sample_time_s
+    z = cmath.exp(1j * angle)
+    force = plant.new[0, 0] + plant.old[0, 0] / z
+    state = np.linalg.solve(z * np.eye(len(plant.names)) - plant.matrix[0, 0], force)
+    return (cmath.phase(complex(motor_row @ state) / complex(plant.output_row @ state)) % (2 * math.pi)) / angle
