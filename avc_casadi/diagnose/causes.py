@@ -84,7 +84,7 @@ _NEAR_BY_SHARE = 0.01
 _NEAR_BY_MOST = 8
 """About as many such hypotheses are simulated."""
 
-_BESIDE_UNKNOWN = frozenset({"delay", "let-go"})
+_BESIDE_UNKNOWN = frozenset({"delay", "let-go", "encoder"})
 """Causes for which undeclared mechanics, a resonance or travel stops, may stand: the fit beside them is no proof."""
 
 _USUAL_STAGES = 9

@@ -191,10 +191,11 @@ def run(before, arguments, cwd):
 @pytest.mark.parametrize(("before", "code"), [(FULL_DISK, 2), (KILLED_WHILE_IT_WRITES, -signal.SIGKILL)])
 def test_a_file_is_the_old_one_or_the_new_one(before, code, tmp_path):
     out = tmp_path / "c.json"
-    out.write_text("what was there\n")
+    run("", ["solve", "soft", "--method", "direct", "--out", "c.json"], tmp_path)
+    before_it = out.read_text()
     arguments = ["solve", "soft", "--method", "static", "--out", "c.json"]
     done = run(before, arguments, tmp_path)
     assert done.returncode == code, done.stderr
-    assert out.read_text() == "what was there\n"
+    assert out.read_text() == before_it
     assert run("", arguments, tmp_path).returncode == 0
     assert json.loads(out.read_text())["method"] == "static"

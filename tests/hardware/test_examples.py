@@ -61,7 +61,7 @@ def test_two_boards_settle_and_are_drawn(tmp_path):
     """Slowed down: where other work takes the processor for long, the link is silent, and its force fades."""
     require("cc")
     picture = tmp_path / "link.png"
-    done = run("teleoperation_loopback", "--slower", 10, "--out", picture, CC="cc")
+    done = run("teleoperation_loopback", "--slower", 6, "--out", picture, CC="cc")
     assert done.returncode == 0, done.stdout + done.stderr
     assert ": settles, " in done.stdout
     assert picture.read_bytes().startswith(b"\x89PNG")

@@ -14,7 +14,6 @@ from avc_casadi.loops.damped_wall import RINGS_BELOW
 from avc_casadi.loops.engine import ToolCase
 from avc_casadi.loops.follower import BilateralCase
 from avc_casadi.loops.loop_family import LeastDampedMode
-from avc_casadi.loops.margins import SETTLING_BAND
 from avc_casadi.model.corners import Robustness
 from avc_casadi.model.ends import End, Follower, Simulation
 from avc_casadi.model.problem import Problem
@@ -185,10 +184,10 @@ def _least_damped(mode: LeastDampedMode) -> list[Row]:
         return []
     ratio = Value(mode.damping_ratio, "number", 2), "at", Value(mode.frequency_hz, "frequency")
     shown = row(subject.DAMPING_RATIO, ratio, "(least damped loop)")
-    if mode.damping_ratio >= RINGS_BELOW or not math.isfinite(mode.time_constant_s):
+    if mode.damping_ratio >= RINGS_BELOW:
         return [shown]
-    settling = Value(-math.log(SETTLING_BAND) * mode.time_constant_s, "time")
-    return [row(shown.label, shown.values, ": lightly damped, settles in", settling, mark=Mark.CAUTION)]
+    decay = Value(mode.time_constant_s, "time")
+    return [row(shown.label, shown.values, ": lightly damped, time constant", decay, mark=Mark.CAUTION)]
 
 
 @singledispatch
