@@ -213,11 +213,10 @@ def diagnose(  # noqa: PLR0913 - options by name, of a public call
         notes.append(
             "no device given: a typical device is assumed, which may be wrong by a factor of 50; give --device"
         )
-    limit = design.device.max_force_n
-    if limit is not None and np.mean(np.abs(grid.force_n) > _OVER_LIMIT * limit) > _OVER_LIMIT_SHARE:
+    if _passes_limit(grid, design.device):
         notes.append("the log has larger forces than max_force_n; the limit is ignored: check the limit and the units")
-        limit = None
         design = replace(design, device=design.device.model_copy(update={"max_force_n": None}))
+    limit = design.device.max_force_n
     with progress.step("oscillation and force"):
         swing = find_oscillation(grid, limit)
         law = find_law(grid, swing, limit, design.device.coulomb_friction_n)
@@ -233,6 +232,12 @@ def diagnose(  # noqa: PLR0913 - options by name, of a public call
         fitted_log, fits = fit_log(FitTask(grid, swing, seed, stages), design, law_or_verdict)
         stages.begin("causes and remedies")
         return _judge(replace(begun, log=fitted_log), law_or_verdict, fits)
+
+
+def _passes_limit(log: Log, device: Device) -> bool:
+    """Return whether a log has forces well beyond the limit of the device."""
+    limit_n = device.max_force_n
+    return limit_n is not None and bool(np.mean(np.abs(log.force_n) > _OVER_LIMIT * limit_n) > _OVER_LIMIT_SHARE)
 
 
 def _design(

@@ -286,17 +286,22 @@ def recommend_admittance(problem: AnyAdmittance, progress: Progress = SILENT) ->
         return AdmittanceRecommendation(stated, None, math.inf, least_mass, least_damping, ())
     chosen = stated.changed(law={"admittance": law.model_dump(exclude_none=True)})
     stages.begin("certificate")
-    certificate = certify_admittance(chosen, remedies=False)
-    if certificate.passed and certificate.rings:
-        certificate = replace(certificate, damped_by=damping_changes(HandleAnalysis(chosen, analysis.worst_hands), law))
     return AdmittanceRecommendation(
         problem=chosen,
-        certificate=certificate,
+        certificate=_certified(chosen, law, analysis),
         effort_ns_per_m=effort_ns_per_m(law),
         least_mass_kg=least_mass,
         least_damping_ns_per_m=least_damping,
         helps=tuple(_better_devices(analysis, law, limit, stages)),
     )
+
+
+def _certified(chosen: AdmittanceProblem, law: VirtualImpedance, analysis: HandleAnalysis) -> AdmittanceCertificate:
+    """Return the certificate of a law; of one that rings with what damps it."""
+    certificate = certify_admittance(chosen, remedies=False)
+    if not (certificate.passed and certificate.rings):
+        return certificate
+    return replace(certificate, damped_by=damping_changes(HandleAnalysis(chosen, analysis.worst_hands), law))
 
 
 def why_no_law(problem: AdmittanceProblem) -> str:
