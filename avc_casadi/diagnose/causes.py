@@ -369,6 +369,9 @@ def _of_sign(diagnosis: Diagnosis, law: FittedLaw, mass: float) -> Diagnosis | N
     # A mass that is not the device alone is a hand's too, and a hand may push the device away as well.
     low, high = _ABOUT_DEVICE
     alone = diagnosis.design.known and low < abs(mass) / device.mass_kg < high
+    if simple and away and not math.isfinite(mass):
+        text = "cannot tell: the fitted force drives the device away, and the motion does not show whether it does"
+        return replace(diagnosis, conclusion=text, candidates=("sign",), decides=CAUSES["sign"].deciding_log)
     if simple and away and not (alone and mass > 0):
         message = f"drives the device away from rest; allowed: {allowed_sign(flip_force=diagnosis.flip_force)}"
         raise InputError.of(f"{message}; otherwise the loop has a wrong sign", file=log.name, key="force")
