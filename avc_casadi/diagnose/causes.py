@@ -370,7 +370,11 @@ def _of_sign(diagnosis: Diagnosis, law: FittedLaw, mass: float) -> Diagnosis | N
     low, high = _ABOUT_DEVICE
     alone = diagnosis.design.known and low < abs(mass) / device.mass_kg < high
     if simple and away and not math.isfinite(mass):
-        text = "cannot tell: the fitted force drives the device away, and the motion does not show whether it does"
+        way = "leave --flip-force out" if diagnosis.flip_force else "give --flip-force"
+        text = (
+            "cannot tell: the fitted force drives the device away, and the motion does not show whether it does; "
+            f"{way} if the log has the other sign of force"
+        )
         return replace(diagnosis, conclusion=text, candidates=("sign",), decides=CAUSES["sign"].deciding_log)
     if simple and away and not (alone and mass > 0):
         message = f"drives the device away from rest; allowed: {allowed_sign(flip_force=diagnosis.flip_force)}"

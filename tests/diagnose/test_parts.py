@@ -131,11 +131,12 @@ def test_a_relay_is_switched_not_held_where_its_turns_share_a_factor(turns):
     assert (log.hold, log.period_s) == (1, pytest.approx(1e-3))
 
 
-def test_a_force_that_drives_the_device_away_and_an_encoder_that_is_stuck_are_refused():
+def test_a_force_that_seems_reversed_is_no_verdict_and_an_encoder_that_is_stuck_is_refused():
+    """A loop whose force has the wrong sign, or a log that counts the force the other way."""
     log = columns(HEALTHY)
     flipped = replace(log, force_n=-log.force_n)
-    with pytest.raises(avc.InputError, match="--flip-force"):
-        diagnose(flipped)
+    found = diagnose(flipped)
+    assert (found.verdict, found.candidates) == ("cannot tell", ("sign",))
     assert diagnose(flipped, flip_force=True).verdict == "nothing wrong"
     with pytest.raises(avc.InputError, match="never changes"):
         diagnose(replace(log, position_m=0 * log.position_m))
