@@ -15,14 +15,20 @@ import io
 import json
 import math
 import re
+import sys
 import tempfile
 from collections.abc import Callable, Sequence
 from contextlib import chdir, redirect_stderr, redirect_stdout
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from scipy.linalg import expm
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "oracle"))
+
+from admittance_loop import PlainDevice, largest_pole
 from studied import about, made_by
 
 from avc_casadi.cli import main as avc
@@ -181,6 +187,68 @@ def of_damper(counts: int, b: float) -> tuple[str, list[Any], Any]:
     return f"{counts} counts a turn, 1 kHz: `--kd {b}`", ask, lambda answers: [(answers[0]["encoder_step_nm"], jump)]
 
 
+ARM = """[device]
+drive = "velocity"
+drive_bandwidth_hz = 10.0
+sample_time_s = 8e-3
+delay_samples = 1
+[device.force_sensor]
+stiffness_n_per_m = 1e6
+damping_ratio = 0.05
+handle_mass_kg = 1.0
+[hands]
+mass_kg = [1.0, 1.0]
+damping_ns_per_m = [20.0, 20.0]
+stiffness_n_per_m = [500.0, 500.0]
+[contact]
+stiffness_n_per_m = [0.0, 1e5]
+damping_ns_per_m = 5.0
+[law]
+admittance = {{ mass_kg = {}, damping_ns_per_m = {} }}
+"""
+HELD = (1.0, 20.0, 500.0)
+
+
+def arm(mass: float, damping: float, contact: float) -> float:
+    """Return the growth of an arm that a drive moves: on springs of up to a contact, with a hand and without."""
+    law = {"sample_s": 8e-3, "drive_hz": 10.0, "late_samples": 1, "mass_kg": mass, "damping": damping}
+    handle = {"sensor_n_per_m": 1e6, "sensor_ratio": 0.05, "handle_kg": 1.0}
+
+    def growth(kg: float, ns_per_m: float, n_per_m: float) -> float:
+        carried = {"hand_kg": kg, "hand_damping": ns_per_m, "hand_n_per_m": n_per_m}
+        return float(largest_pole(PlainDevice(**law, **handle, **carried)))
+
+    springs = np.geomspace(1e-3 * contact, contact, 60).tolist()
+    touching = [growth(kg, d + 5.0, k + spring) for kg, d, k in ((0.0, 0.0, 0.0), HELD) for spring in springs]
+    return max(*touching, growth(0.0, 0.0, 0.0), growth(*HELD))
+
+
+def of_arm(*laws: tuple[float, float]) -> tuple[str, list[Any], Any]:
+    """Return the same of virtual masses and dampings of an arm that touches an object of up to 100 kN/m."""
+
+    def compared(answers: Answers) -> Pairs:
+        pairs: Pairs = []
+        for answer, (mass, damping) in zip(answers, laws, strict=True):
+            growth = arm(mass, damping, 1e5)
+            pairs.append((answer["deployable"]["stable"], growth < 1))
+            if growth > 1:
+                pairs.append((max(case["spectral_radius"] for case in answer["cases"]), growth))
+            hardest = limit(partial(_holds_contact, mass, damping), 1e3)
+            pairs.append((answer["stiffest_contact_n_per_m"], hardest))
+        return pairs
+
+    words = "; ".join(f"{mass:g} kg, {damping:g} N.s/m" for mass, damping in laws)
+    return (
+        f"a drive of 10 Hz at 125 Hz on up to 100 kN/m: {words}",
+        [(ARM.format(*law), "certify") for law in laws],
+        compared,
+    )
+
+
+def _holds_contact(mass: float, damping: float, contact: float) -> bool:
+    return arm(mass, damping, contact) < 1
+
+
 HUB = "https://github.com/"
 CASES: list[tuple[str, str, tuple[str, list[Any], Any], str]] = [
     ("Explicit actuators jitter at 200 Hz, are my gains too high?", HUB + "mujocolab/mjlab/issues/518",
@@ -231,6 +299,9 @@ CASES: list[tuple[str, str, tuple[str, list[Any], Any], str]] = [
      ("a log of it: `avc diagnose`", [(relay(), "diagnose --device novint-falcon")],
       lambda answers: [(answers[0]["cause"], "relay"), (abs(answers[0]["measured"]["delay_samples"] - 1) < 0.2, True)]),
      "force switched by a sign; give it a width; one sample late"),
+    ("Admittance control on hard objects at 125 Hz", HUB + "Yaskawa-Global/motoros2/pull/449",
+     of_arm((4.0, 100.0), (4.0, 2000.0), (20.0, 1500.0)),
+     "with 4 kg on 100 kN/m only from 1.2 kN.s/m on; at 100 N.s/m up to 6.4 kN/m"),
 ]  # fmt: skip
 
 
