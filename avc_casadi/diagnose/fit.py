@@ -115,8 +115,11 @@ _STOPS_ALIKE = 1.3
 _STOPS_BETTER = 0.5
 """Residual with stops, per that without, below which they are taken."""
 
-_MECHANICS_UNEXPLAINED = 4
-"""Residual, per noise, from which on stops and a resonance are tried: below it either explains what is left."""
+_UNEXPLAINED = 2
+"""Residual, per noise, above which a structure does not explain the motion."""
+
+_STOPS_UNEXPLAINED = 4
+"""The same from which on stops are tried: what turns the motion back is a good share of it."""
 
 _EXPLAINS_AS_WELL = 1.3
 """Residual, per that of the best answer, up to which another structure explains the log as well."""
@@ -471,12 +474,12 @@ def _fits(task: FitTask, design: IntendedLaw, grid: Grid, lag: float) -> list[Pl
     if left.size > _WHITE_FROM and samples_alike(left) <= LEAST_ALIKE:
         scatter, noise = max(scatter, least), max(noise, least)
     # Behind stops the acceleration is of a force that is not in the log.
-    if least > _MECHANICS_UNEXPLAINED * noise and swing.steps > _STOPS_STEPS:
+    if least > _STOPS_UNEXPLAINED * noise and swing.steps > _STOPS_STEPS:
         for structure in plain:
             stages.begin("travel stops")
             trials += _with_stops(structure, inside, windows, noise, least)
     # Stops explain a resonance too, as the motion begins anew after each contact: they do not stand in for it.
-    if least > _MECHANICS_UNEXPLAINED * noise and design.device.resonance is None:
+    if least > _UNEXPLAINED * noise and design.device.resonance is None:
         stages.begin("a resonance")
         resonant = _structures(design, grid, lag, swing.frequency_hz, resonant=True)
         trials += [_begin(structure, windows, noise) for structure in resonant]
