@@ -153,9 +153,8 @@ class _Swings:
             # What creeps has no speed, however far it goes.
             speeds = np.multiply(swing_m, rates, out=np.zeros_like(rates), where=rates > 0)
             moving = zip(self.points, speeds.tolist(), modes.drifts.tolist(), strict=True)
-            leading = around(
-                self.law, [self._in_motion(point, speed, drifts=drifts) for point, speed, drifts in moving]
-            ).closed.leading
+            points = [self._in_motion(point, speed, drifts=drifts) for point, speed, drifts in moving]
+            leading = around(self.law, points).closed.leading
             modes = modes.turning_as(leading, self.law.sample_time_s)
         worst = int(np.abs(leading).argmax())
         return _Motion(float(np.abs(leading[worst])), float(modes.rates_per_s[worst]), float(modes.turns_per_s[worst]))
