@@ -8,3 +8,6 @@ Float32Array = NDArray[np.float32]
 ComplexArray = NDArray[np.complex128]
 BoolArray = NDArray[np.bool_]
 IndexArray = NDArray[np.intp]
+
+Interval = tuple[float, float]
+"""Lowest and highest value."""

@@ -15,7 +15,7 @@ from typing import Any, Self
 import numpy as np
 
 from avc_casadi._errors import InputError
-from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray
+from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray, Interval
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.printed import Printed
 from avc_casadi._util.progress import SILENT, Progress, Stages
@@ -39,8 +39,6 @@ from avc_casadi.model.law import Law
 from avc_casadi.model.plant import SampledPlant
 from avc_casadi.model.sensed import SensorProblem
 from avc_casadi.model.table import shown
-
-Interval = tuple[float, float]
 
 # Changes that are looked at: up to this factor, in so many steps; then bisections to about a per cent.
 _MOST_CHANGE = 30.0

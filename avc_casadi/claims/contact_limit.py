@@ -8,15 +8,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from avc_casadi._util.arrays import FloatArray
+from avc_casadi._util.arrays import FloatArray, Interval
 from avc_casadi.loops.handle import HandleFamily, HandleSide, Pair, leading_poles, plants_of
 from avc_casadi.loops.margins import OpenLoop
 from avc_casadi.model.admittance import STIFFEST_CONTACT_N_PER_M, Contact
 from avc_casadi.model.hands import Hand
 from avc_casadi.model.law import Law
 from avc_casadi.model.sensed import SensorProblem
-
-Interval = tuple[float, float]
 
 # A limit is confirmed by at most so many searches of the ranges, so far inside the boundary.
 _SEARCHES = 4

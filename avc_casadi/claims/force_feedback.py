@@ -21,9 +21,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from avc_casadi._errors import InputError
+from avc_casadi._util.arrays import Interval
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.page import worded
-from avc_casadi.claims.admittance import HandleVerdict, Interval, SensorAnalysis
+from avc_casadi.claims.admittance import HandleVerdict, SensorAnalysis
 from avc_casadi.claims.handle_port import passivity
 from avc_casadi.claims.law_limits import BeyondLimit, LawLimits, LimitSide, NumberLaws, nearest_limit
 from avc_casadi.claims.stated_law import noise_gain

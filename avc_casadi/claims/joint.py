@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from avc_casadi._errors import InputError
-from avc_casadi._util.arrays import FloatArray
+from avc_casadi._util.arrays import FloatArray, Interval
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.printed import Printed
-from avc_casadi.claims.stable_interval import Interval, inside_ends, stable_interval
+from avc_casadi.claims.stable_interval import inside_ends, stable_interval
 from avc_casadi.files.border import in_keys_of
 from avc_casadi.files.problem_file import AnyProblem, load_any
 from avc_casadi.loops.joint import JointFamily, JointGains

@@ -16,7 +16,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from avc_casadi._util.arrays import FloatArray, IndexArray
+from avc_casadi._util.arrays import FloatArray, IndexArray, Interval
 from avc_casadi.claims.law_points import (
     LawPoint,
     PointSide,
@@ -27,7 +27,7 @@ from avc_casadi.claims.law_points import (
     slopes_at,
     worst,
 )
-from avc_casadi.claims.stable_interval import Growth, Interval, inside_ends, stable_interval
+from avc_casadi.claims.stable_interval import Growth, inside_ends, stable_interval
 from avc_casadi.claims.stated_law import StatedSystem
 from avc_casadi.loops.loop import Body
 from avc_casadi.loops.plant_family import Measure as PlantMeasure

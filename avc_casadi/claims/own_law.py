@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from avc_casadi._errors import InputError, UnsupportedError
+from avc_casadi._util.arrays import Interval
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.page import worded
 from avc_casadi._util.printed import Printed
@@ -24,7 +25,6 @@ from avc_casadi.claims.impedance import stiffness_at_handle
 from avc_casadi.claims.law_analysis import CaseResult, LawAnalysis, LawRemedy, SpringDamper, remedies_of
 from avc_casadi.claims.law_limits import BeyondLimit, LawLimits, LimitSide, NumberLaws, nearest_limit
 from avc_casadi.claims.law_points import corner_points, radius, worst
-from avc_casadi.claims.stable_interval import Interval
 from avc_casadi.claims.stated_law import (
     ActingLaws,
     AnyLaw,

@@ -13,10 +13,9 @@ from itertools import zip_longest
 import numpy as np
 from scipy.optimize import brentq
 
-from avc_casadi._util.arrays import FloatArray
+from avc_casadi._util.arrays import FloatArray, Interval
 from avc_casadi.model.control_law import LawNumber
 
-Interval = tuple[float, float]
 Growth = Callable[[FloatArray], FloatArray]
 """The largest spectral radius less 1 of all loops at some values of a number, shape (m,): below 0 all are stable."""
 

@@ -11,7 +11,7 @@ from functools import cached_property, reduce
 
 import numpy as np
 
-from avc_casadi._util.arrays import FloatArray
+from avc_casadi._util.arrays import FloatArray, Interval
 from avc_casadi.loops.contacts import Swing
 from avc_casadi.loops.loop import Body, Loop, Map, Rows, period, response, turn_of
 from avc_casadi.loops.loop_family import TOLERANCE, LoopFamily, Pattern, SearchRegion
@@ -22,7 +22,6 @@ from avc_casadi.model.corners import LINEAR_KEYS, device_ranges, linear_values
 from avc_casadi.model.device import Device
 from avc_casadi.model.ends import (
     RIGID_N_PER_M,
-    Interval,
     Simulation,
     ToolGains,
     ToolState,

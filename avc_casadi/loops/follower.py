@@ -13,7 +13,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from avc_casadi._util.arrays import FloatArray
+from avc_casadi._util.arrays import FloatArray, Interval
 from avc_casadi.loops.contacts import Swing
 from avc_casadi.loops.loop import Body, Loop, Map, Rows, period, response, turn_of
 from avc_casadi.loops.loop_family import LoopFamily, Pattern, SearchRegion, clock_ratio
@@ -22,7 +22,7 @@ from avc_casadi.loops.search import Box, Ranges
 from avc_casadi.loops.spectrum import ClosedLoops
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners, device_ranges, linear_values
 from avc_casadi.model.device import Device
-from avc_casadi.model.ends import Follower, Interval, ToolGains
+from avc_casadi.model.ends import Follower, ToolGains
 from avc_casadi.model.hands import Hand, with_stops
 from avc_casadi.model.plant import SampledPlant, sampled_plant
 from avc_casadi.model.problem import Problem

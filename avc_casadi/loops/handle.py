@@ -16,7 +16,7 @@ from typing import Literal
 
 import numpy as np
 
-from avc_casadi._util.arrays import ComplexArray, FloatArray
+from avc_casadi._util.arrays import ComplexArray, FloatArray, Interval
 from avc_casadi.loops.contacts import Swing
 from avc_casadi.loops.loop import Body
 from avc_casadi.loops.plant_family import RADIUS_TOLERANCE, Measure
@@ -48,8 +48,6 @@ _SLOW_HZ = 2.0
 """A pole that turns more slowly is none of a swing."""
 _OVERLAP = 1e-12
 """A range of sums narrower than this share is one value: it was made by rounding."""
-
-Interval = tuple[float, float]
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 import numpy as np
 from pydantic import BeforeValidator, ModelWrapValidatorHandler, model_validator
 
+from avc_casadi._util.arrays import Interval
 from avc_casadi._util.units import Units
 from avc_casadi.model import quantity as q
 from avc_casadi.model import table as t
@@ -32,7 +33,6 @@ DRIVE_DAMPING_RATIO = 0.7
 STIFFEST_CONTACT_N_PER_M = 1e9
 """Stiffest contact of a file: ten times as stiff as steel against steel at a fingertip's size."""
 
-Interval = tuple[float, float]
 
 _SensorStiffness = Annotated[float, BeforeValidator(q.Quantity("N/m", 1.0, STIFFEST_CONTACT_N_PER_M, zero=False))]
 _HandleMass = Annotated[float, BeforeValidator(q.Quantity("kg", 1e-6, 1e4, zero=False))]

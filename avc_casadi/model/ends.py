@@ -10,13 +10,13 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import BeforeValidator
 
 from avc_casadi._errors import UnsupportedError
+from avc_casadi._util.arrays import Interval
 from avc_casadi.model import quantity as q
 from avc_casadi.model import table as t
 from avc_casadi.model.device import Detent, Device
 
 ToolIntegrator = Literal["semi-implicit", "explicit", "exact", "implicit-damping", "implicit"]
 Exchange = Literal["on-time", "late", "ahead", "held-force"]
-Interval = tuple[float, float]
 
 RIGID_N_PER_M = q.LARGEST_STIFFNESS_N_PER_M
 """A contact of this stiffness counts as rigid: the tool stops at it."""

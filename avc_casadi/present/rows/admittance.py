@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator, Mapping
 from shlex import quote
 
+from avc_casadi._util.arrays import Interval
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.units import Quantity
 from avc_casadi.claims.admittance import (
@@ -56,7 +57,6 @@ _CHANGES: dict[str, tuple[str, Quantity]] = {
 }
 """Numbers that a remedy changes: what they are called, and what they measure."""
 
-Interval = tuple[float, float]
 
 _KNOWN_DELAY_SAMPLES = 0.5
 """A data sheet tells a delay no better than to this part of a sample."""

@@ -6,9 +6,9 @@ import math
 from collections.abc import Mapping
 from shlex import quote
 
+from avc_casadi._util.arrays import Interval
 from avc_casadi._util.json_values import plain
 from avc_casadi.claims.joint import JointCertificate
-from avc_casadi.claims.stable_interval import Interval
 from avc_casadi.files.joint_model import ModelledJoint
 from avc_casadi.loops.joint import JointGains
 from avc_casadi.loops.margins import LEAST_DISK

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 
+from avc_casadi._util.arrays import Interval
 from avc_casadi.claims.friction import FrictionCredit, least_friction_n
 from avc_casadi.claims.own_law import LawCertificate
 from avc_casadi.claims.stated_law import StatedSystem
@@ -28,8 +29,6 @@ GAINS = {
     "force_feedback.cutoff_hz": "low pass",
 }
 """Names of the gains of a law in an answer."""
-
-Interval = tuple[float, float]
 
 
 def named(law: ControlLaw | StatedSystem) -> tuple[Part, ...]:
