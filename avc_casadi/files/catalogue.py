@@ -6,7 +6,9 @@ import difflib
 import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
+from types import MappingProxyType
 
 from avc_casadi._errors import InputError
 from avc_casadi.model.table import shown
@@ -42,12 +44,18 @@ def problems_folder() -> Path:
     raise FileNotFoundError(f"the built-in problems are missing next to {_PACKAGE}; reinstall avc-casadi")
 
 
-def catalogue_names() -> dict[str, Path]:
-    """Return the path of every problem by name: plain problems first, then those of folders."""
+@cache
+def catalogue_names() -> Mapping[str, Path]:
+    """Return the path of every problem by name: plain problems first, then those of folders.
+
+    The files of a package stay as they are while it runs, so the folders are read once.
+    """
     folder = problems_folder()
     files = sorted(folder.rglob("*.toml"), key=lambda path: (len(path.relative_to(folder).parts), path))
     named = {path.relative_to(folder).with_suffix("").as_posix(): path for path in files}
-    return {name: path for name, path in named.items() if not name.startswith((DEVICES, ADMITTANCE))}
+    return MappingProxyType(
+        {name: path for name, path in named.items() if not name.startswith((DEVICES, ADMITTANCE))}
+    )
 
 
 def admittance_names() -> dict[str, Path]:

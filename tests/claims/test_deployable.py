@@ -55,6 +55,7 @@ def test_two_stable_rows_may_be_unstable_between():
     assert not verdict(GainTable(rows)).passed
 
 
+@pytest.mark.slow
 def test_a_coupling_of_a_small_disk_margin_is_asked_for_by_name(tmp_path, capsys):
     problem = avc.parse_problem(
         "[device]\nmass_kg = 0.12\ndamping_ns_per_m = 0.8\ndelay_samples = 1\n"

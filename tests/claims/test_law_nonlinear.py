@@ -127,6 +127,7 @@ def test_a_slower_law_is_judged_over_its_own_period(divider):
     assert found.released.spectral_radius == pytest.approx(np.abs(poles).max(), abs=1e-9)
 
 
+@pytest.mark.slow
 def test_a_slower_law_meets_the_longest_delay_of_the_range():
     """The delay is stated in samples of the device, though the law runs at every second of them."""
     law = {"stiffness_n_per_m": 150.0, "damping_ns_per_m": 1.5, "rate_divider": 2}

@@ -21,6 +21,7 @@ NO_COUNTS = (
 )
 
 
+@pytest.mark.slow
 @given(NO_COUNTS, st.sampled_from([("hands", avc.recommend), ("seed", avc.recommend), ("workers", avc.recommend)]))
 def test_no_other_value_begins_a_recommendation(value, option):
     key, call = option

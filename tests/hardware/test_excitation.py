@@ -189,6 +189,7 @@ def test_bad_line_changes_no_record(faults):
     assert log.whole or log.end.startswith("stopped: the device did not hear")
 
 
+@pytest.mark.slow
 def test_file_keeps_ticks_and_a_gap_cuts_the_record(tmp_path):
     log = Bench(device()).excite(planned())
     path = tmp_path / "log.csv"

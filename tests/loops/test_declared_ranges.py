@@ -76,6 +76,7 @@ def test_a_stiff_contact_that_is_refuted_grows_in_a_plain_simulation():
     assert growth == pytest.approx(1.00804, abs=2e-4)
 
 
+@pytest.mark.slow
 def test_every_contact_of_a_band_is_refuted_and_the_limit_is_below_it():
     """The guide's follower, K 1 000 and B 5: each contact of 416 to 866 kN/m grows, by up to 1.0011 a sample."""
     stated = avc.parse_problem(

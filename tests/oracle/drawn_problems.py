@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -10,9 +11,10 @@ import avc_casadi as avc
 from avc_casadi.model.problem import Problem
 
 
-def walled() -> list[str]:
+@cache
+def walled() -> tuple[str, ...]:
     """Problems of the catalogue with a wall in the device's own loop: the others, `tool/`, refuse to be solved."""
-    return [entry.name for entry in avc.catalogue() if avc.load_problem(entry.name).simulation is None]
+    return tuple(entry.name for entry in avc.catalogue() if avc.load_problem(entry.name).simulation is None)
 
 
 def drawn_problem(rng: np.random.Generator, *, frequencies: int = 8, structure: str | None = None) -> Problem:

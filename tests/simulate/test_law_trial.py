@@ -65,6 +65,7 @@ def test_compensation_above_the_friction_swings_and_below_it_rests(force_n, rest
     assert try_law(known, 2).least_friction.friction_n == 0.08
 
 
+@pytest.mark.slow
 def test_an_integral_in_a_wall_hunts_as_a_device_in_small_steps():
     problem = stated({**SOUND, "integral_n_per_m_s": 5000.0}, **WALL)
     found = try_law(problem, 2).declared.hunts
