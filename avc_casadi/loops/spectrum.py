@@ -19,8 +19,9 @@ _ROUNDING = 1e-11
 _STEADY = 1e-9
 # Products of maps beyond this overflow, or soon do: their loops count as unstable.
 _OVERFLOWING = 1e60
-# Loops of fewer states: their eigenvalues are as quick as powers.
+# Loops of fewer states, and so few loops: their eigenvalues are as quick as powers.
 _FEW_STATES = 10
+_FEW_LOOPS = 8
 # Rounds in which loops are raised to the power 4, and the first one from which on loops drop out that another exceeds.
 _ROUNDS = 11
 _FIRST_ROUND = 5
@@ -93,7 +94,7 @@ def moving_poles(relative: FloatArray) -> ComplexArray:
 def leading_radii(loops: FloatArray) -> FloatArray:
     """Return spectral radii r of relative loops (n, s, s), -inf where another's is larger: abs(trace(M^N))/s <= r^N."""
     s = loops.shape[-1]
-    if s < _FEW_STATES:
+    if s < _FEW_STATES or len(loops) <= _FEW_LOOPS:
         return np.asarray(np.abs(moving_poles(loops)).max(axis=-1))
     rows = np.arange(len(loops))
     power = loops
