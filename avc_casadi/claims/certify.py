@@ -143,26 +143,40 @@ def certify(
         ['L4']
     """
     refuse_counts(Count("draws", draws, 0, IN_MEMORY), seed_count(seed))
-    problem = require_wall(problem)
+    stated = require_wall(problem)
     table = _schedule_of(gains)
-    check_sample_time(table.sample_time_s, problem, f"gains by {table.method} for {table.problem}")
+    check_sample_time(table.sample_time_s, stated, f"gains by {table.method} for {table.problem}")
     behind_feedback = table.state_feedback is not None and bool(table.usable.any())
     requested = requested and not behind_feedback
-    rows = _rows(problem, table, requested=requested)
-    subject = Subject(problem, rows, table, gains, draws, seed, progress)
-    parts_of = frozen_parts if behind_feedback else _sampled_parts
+    rows = _rows(stated, table, requested=requested)
+    return _judge(Subject(stated, rows, table, gains, draws, seed, progress), requested=requested, prove=prove)
+
+
+def _judge(subject: Subject, *, requested: bool, prove: bool) -> Certificate:
+    """Return the certificate of gains at every level; at those on demand only where a proof is requested."""
     judge = {name: partial(passivity_level, level=name) for name in LEVELS} | {"L5": hands_level, "L7": rest_level}
     return Certificate(
-        problem=problem.name,
+        problem=subject.problem.name,
         requested=requested,
-        frequency_hz=table.frequency_hz,
-        rows_without_gains=int(np.count_nonzero(~rows.present)),
+        frequency_hz=subject.gains.frequency_hz,
+        rows_without_gains=int(np.count_nonzero(~subject.rows.present)),
         levels={name: judge[name](subject) for name, level in LEVELS.items() if prove or not level.on_demand},
-        passive_limit_n_per_m=passive_limit_n_per_m(problem.device),
-        dc_stiffness_n_per_m=rows.spread(parts_of(problem, rows.b, rows.k).integral / problem.device.sample_time_s),
-        definition=problem,
-        gains=gains,
+        passive_limit_n_per_m=passive_limit_n_per_m(subject.problem.device),
+        dc_stiffness_n_per_m=_dc_stiffness_n_per_m(subject),
+        definition=subject.problem,
+        gains=subject.given,
     )
+
+
+def _dc_stiffness_n_per_m(subject: Subject) -> FloatArray:
+    """Return what each row renders at rest, k k_e/(k + k_e), N/m, shape (n,); not a number for rows without gains.
+
+    The rendered impedance has the term r/(z - 1), r in N.s/m, which at rest is the spring r/T, T the sample time.
+    """
+    problem = subject.problem
+    rows = subject.rows
+    parts_of = frozen_parts if subject.behind_feedback else _sampled_parts
+    return rows.spread(parts_of(problem, rows.b, rows.k).integral / problem.device.sample_time_s)
 
 
 def _schedule_of(gains: GainSchedule | Coupling) -> GainSchedule:

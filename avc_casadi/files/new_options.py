@@ -30,6 +30,11 @@ class Option:
         return self.key.partition(".")[2]
 
     @property
+    def key_beside_device(self) -> str:
+        """Its key, without the table [device], which an answer on a device need not name."""
+        return self.key.removeprefix("device.")
+
+    @property
     def table(self) -> str:
         """Its table."""
         return self.key.rpartition(".")[0]

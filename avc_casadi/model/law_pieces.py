@@ -38,7 +38,7 @@ def low_pass(cutoff_hz: float, order: int, sample_time_s: float) -> Law:
     return Law.fraction([abs(1 - pole) ** 2, 0.0, 0.0], [1.0, first, second], sample_time_s)
 
 
-class Estimator(ABC):
+class VelocityEstimator(ABC):
     """An estimator of the velocity: blocks in series, from the position to its growth in a sample, v T."""
 
     @abstractmethod
@@ -51,7 +51,7 @@ class Estimator(ABC):
 
 
 @dataclass(frozen=True)
-class Difference(Estimator):
+class Difference(VelocityEstimator):
     """v = (1 - 1/z)/T x."""
 
     def blocks(self, sample_time_s: float) -> tuple[Law, ...]:
@@ -60,7 +60,7 @@ class Difference(Estimator):
 
 
 @dataclass(frozen=True)
-class Window(Estimator):
+class Window(VelocityEstimator):
     """v = (1 - z^-n)/(n T) x over a window of n samples."""
 
     samples: int
@@ -73,7 +73,7 @@ class Window(Estimator):
 
 
 @dataclass(frozen=True)
-class SmoothedDifference(Estimator):
+class SmoothedDifference(VelocityEstimator):
     """The difference behind `low_pass`."""
 
     cutoff_hz: float
@@ -85,7 +85,7 @@ class SmoothedDifference(Estimator):
 
 
 @dataclass(frozen=True)
-class Kalman(Estimator):
+class Kalman(VelocityEstimator):
     """The steady Kalman filter of a constant velocity that white accelerations disturb (alpha-beta filter).
 
     With the prediction p = x_e + g and the innovation e = x - p: x_e = p + alpha e, g = g + beta e, g the growth in a
@@ -109,7 +109,7 @@ class Kalman(Estimator):
 
 
 @dataclass(frozen=True)
-class Ticks(Estimator):
+class Ticks(VelocityEstimator):
     """The way between the last two changes of the position over the time between them, 0 after a timeout.
 
     A change after n samples, with n up to the timeout, gives v = way/(n T), which is kept until the next change. At a

@@ -271,19 +271,29 @@ def compare(
     optimum = _checked_optimum(methods, mine)
     stated = require_wall(problem)
     scope = _demanded(stated)
-    problem = stated.changed(stability={"scope": "pointwise"}, realism={"require": "none"})
-    loop = loop_at(problem, problem.frequencies_hz())
-    gains = {method: solve(problem, method, progress=progress) for method in dict.fromkeys(methods)}
+    pointwise = stated.changed(stability={"scope": "pointwise"}, realism={"require": "none"})
+    gains = {method: solve(pointwise, method, progress=progress) for method in dict.fromkeys(methods)}
+    if mine is not None:
+        k, b = (np.full(len(pointwise.frequencies_hz()), gain) for gain in mine)
+        gains["mine"] = gain_schedule(pointwise, "mine", (b, k, 0 * b), (Status.SOLVED,) * len(b))
+    return _compared(stated, scope, pointwise, gains, optimum)
+
+
+def _compared(
+    stated: Problem, scope: str, pointwise: Problem, gains: Mapping[str, GainSchedule], optimum: MethodName
+) -> Comparison:
+    """Compare gain tables of a problem, of which ``pointwise`` asks for (12) alone and ``scope`` says what it asks.
+
+    Magnitude errors count relative to |Z_d| + |H Z_ds|, N.s/m, the sizes that (10) adds up at each frequency.
+    """
+    loop = loop_at(pointwise, pointwise.frequencies_hz())
     scale = np.abs(loop.device) + np.abs(loop.hold * loop.desired)
     verdict, reason = verdicts(gains["closed-form"], gains[optimum], scale)
-    if mine is not None:
-        k, b = (np.full(len(problem.frequencies_hz()), gain) for gain in mine)
-        gains["mine"] = gain_schedule(problem, "mine", (b, k, 0 * b), (Status.SOLVED,) * len(b))
-    upper, lower = perceived_bounds(problem, loop)
+    upper, lower = perceived_bounds(pointwise, loop)
     return Comparison(
-        problem=problem.name,
+        problem=pointwise.name,
         scope=scope,
-        frequency_hz=problem.frequencies_hz(),
+        frequency_hz=pointwise.frequencies_hz(),
         methods=gains,
         without_coupling=np.asarray(loop.without_coupling),
         target=np.asarray(loop.target),
@@ -294,7 +304,7 @@ def compare(
         verdict=verdict,
         reason=reason,
         cross_check=(cross_check(gains["direct"], gains["exact"], scale) if set(gains) >= set(OPTIMISERS) else None),
-        judged={name: judge_gains(problem, table) for name, table in gains.items()},
+        judged={name: judge_gains(pointwise, table) for name, table in gains.items()},
         definition=stated,
     )
 

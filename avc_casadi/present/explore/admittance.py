@@ -29,7 +29,6 @@ from avc_casadi.present.explore.ends import (
 )
 from avc_casadi.present.explore.explorer import Explorer
 from avc_casadi.present.explore.settings import (
-    LAW,
     Field,
     Settings,
     adapt,
@@ -42,7 +41,7 @@ from avc_casadi.present.explore.verdict import Judged, of_admittance
 from avc_casadi.present.row import Part
 from avc_casadi.present.rows import admittance
 
-_LAW = f"{LAW}admittance"
+_LAW = "law.admittance"
 _LABELS = {
     "mass_kg": "virtual mass",
     "damping_ns_per_m": "damping",

@@ -148,8 +148,6 @@ def _law_fields(end: Wall, problem: Problem) -> tuple[Field, ...]:
 
 _UNIT_ENDING = re.compile(r"(_rms)?_(kg|ns_per_m|n_per_m_s|n_per_m|m_per_s|samples|hz|n|m|s)$")
 """Unit at the end of a key."""
-LAW = "law."
-"""Beginning of the keys of numbers of the table [law]."""
 
 
 def _stated_law_fields(problem: Problem, law: ControlLaw) -> Iterator[Field]:
@@ -333,9 +331,10 @@ def gains_of(settings: Settings, form: Form) -> dict[str, float | None]:
 
 def problem_of_settings(base: Any, settings: Settings, form: Form, *, to_save: bool = False) -> Any:
     """Return the problem of the settings."""
-    # The numbers of a law are of the problem too: they are saved with it.
-    values = settings.values | {key: value for key, value in settings.gains.items() if key.startswith(LAW)}
     tables = document_of(base.end, base)
+    # The numbers of a law are of the problem too, as `law.damping_ns_per_m`: they are saved with it.
+    own_law = {key: value for key, value in settings.gains.items() if key.split(".")[0] in tables}
+    values = settings.values | own_law
     if "device.handle_radius_m" in values:
         _hold_elsewhere(tables, base.device, values["device.handle_radius_m"])
     for key in sorted(values):

@@ -240,18 +240,20 @@ def recommendation(result: AdmittanceRecommendation, shown: str = "", written: s
 def drafted(new: NewAdmittance, shown: str) -> Answer:
     """Return the answer of `new` of an admittance device: what is assumed, unknown and unlikely."""
     problem, units = new.problem(), new.units
-    unknown = {units.key(option.key): option.cost for option in new.unknown()}
+    unknown = new.unknown()
+    costs = (f"{units.key(option.key_beside_device)}: {option.cost}" for option in unknown)
     doubts = () if CONTACT.key not in new.typed else doubts_of(problem)
     assumed = {units.key(key): value for key, value in new.assumed().items()}
     rows = [
         row("Hands", f"{new.held}:", _hands_line(problem)),
         row("Contact", _contact_line(problem.contact)),
         *([row("Assumed", ", ".join(f"{key} {value}" for key, value in assumed.items()))] if assumed else []),
-        *subject.notes((f"{key.removeprefix('device.')}: {cost}" for key, cost in unknown.items()), "Not known"),
+        *subject.notes(costs, "Not known"),
         *subject.notes(doubts, "Warning"),
     ]
     tables = problem.model_dump(mode="json", exclude_none=True)
-    data = {"file": shown, "tables": tables, "held": new.held, "assumed": assumed, "not_known": unknown}
+    not_known = {units.key(option.key): option.cost for option in unknown}
+    data = {"file": shown, "tables": tables, "held": new.held, "assumed": assumed, "not_known": not_known}
     title = parts(shown, device_line(problem.device))
     command = f"avc recommend {quote(shown)} --out law.toml"
     return Answer("new-admittance", plain({**data, "doubts": [*doubts]}), title, tuple(rows), (command,), units)

@@ -52,8 +52,17 @@ def detent_remedy_clauses(remedy: DetentRemedy, units: Units) -> tuple[str, ...]
 
 def claim_clauses(claim: DeployClaim, units: Units) -> tuple[str, ...]:
     """Return what a claim says, or what does not hold."""
-    without = " (judged without the observer, which is not linear)" if claim.without_observer else ""
-    return (f"{_fact(claim, units)}{without}",)
+    return (f"{_fact(claim, units)}{_reservation(claim)}",)
+
+
+def _reservation(claim: DeployClaim) -> str:
+    """Return in which way the judged loop differs from the deployed one; empty where it does not."""
+    return " (judged without the observer, which is not linear)" if claim.without_observer else ""
+
+
+def detent_row_text(claim: DetentClaim, units: Units) -> str:
+    """Return the claim on detents for a row that is labelled with them."""
+    return f"{_detent_fact(claim, units)}{_reservation(claim)}"
 
 
 def verdict_clauses(verdict: Deployable, units: Units) -> tuple[str, ...]:  # noqa: ARG001
@@ -132,16 +141,21 @@ def _worst_of(claim: StabilityClaim, units: Units) -> str:
 
 @_fact.register
 def _detent(claim: DetentClaim, units: Units) -> str:
+    return f"detents: {_detent_fact(claim, units)}"
+
+
+def _detent_fact(claim: DetentClaim, units: Units) -> str:
+    """Return what holds in the valleys and at the peaks of detents, where slopes are +-slope_n_per_m, N/m."""
     slope, top = (quantity(sign * claim.slope_n_per_m, units.unit("N/m")) for sign in (1, -1))
     if claim.passed:
         leaving = f"; the others leave the peak without oscillation, with a time constant of {claim.leaves_s:.3g} s"
         return (
-            f"detents: in a valley, a spring of {slope}, linearly stable with every hand of [hands] and "
+            f"in a valley, a spring of {slope}, linearly stable with every hand of [hands] and "
             f"released, spectral radius {claim.radius:.6g} at most; at a peak, a spring of {top}: {claim.held} of "
             f"{claim.hands} hands (or no hand) stay there{'' if claim.held == claim.hands else leaving}"
         )
     if claim.in_valley:
-        return f"detents: linearly unstable at a peak, a spring of {top}: a device that leaves it oscillates"
+        return f"linearly unstable at a peak, a spring of {top}: a device that leaves it oscillates"
     damping = quantity(claim.damping_ns_per_m, units.unit("N.s/m"))
     valley = f"in a valley, a spring of {slope} with {damping}"
-    return f"detents: linearly unstable {valley}: spectral radius {claim.radius:.6g}"
+    return f"linearly unstable {valley}: spectral radius {claim.radius:.6g}"

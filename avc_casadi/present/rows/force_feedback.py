@@ -10,21 +10,21 @@ from avc_casadi._util.units import Quantity
 from avc_casadi.claims.force_feedback import ForceFeedbackCertificate, IdealLimit
 from avc_casadi.loops.margins import SOUND_DISK
 from avc_casadi.model.sensed import ForceFeedbackProblem, SensedDevice, SensedLaw
-from avc_casadi.present.row import Answer, Mark, Part, Row, Value, caution, commas, grade, parts, quantity_of, row
+from avc_casadi.present.row import Answer, Mark, Part, Row, Value, caution, commas, grade, parts, row
 from avc_casadi.present.rows import admittance, pieces, subject
 from avc_casadi.recommendation.force_feedback import ForceFeedbackRecommendation, LargerGain
 
-_CHANGES = {
-    "device.delay_samples": "delay",
-    "device.sample_time_s": "sample time",
-    "device.amplifier_bandwidth_hz": "amplifier",
-    "device.force_sensor.stiffness_n_per_m": "sensor",
-    "device.force_sensor.damping_ratio": "damping ratio of the handle on its sensor",
-    "device.force_sensor.handle_mass_kg": "handle",
-    "law.damping_ns_per_m": "b",
-    "law.force_feedback.cutoff_hz": "force below",
+_CHANGES: dict[str, tuple[str, Quantity]] = {
+    "device.delay_samples": ("delay", "samples"),
+    "device.sample_time_s": ("sample time", "time"),
+    "device.amplifier_bandwidth_hz": ("amplifier", "frequency"),
+    "device.force_sensor.stiffness_n_per_m": ("sensor", "stiffness"),
+    "device.force_sensor.damping_ratio": ("damping ratio of the handle on its sensor", "number"),
+    "device.force_sensor.handle_mass_kg": ("handle", "mass"),
+    "law.damping_ns_per_m": ("b", "damping"),
+    "law.force_feedback.cutoff_hz": ("force below", "frequency"),
 }
-"""What the changes are called whose effect is reported."""
+"""Numbers whose change is reported: what they are called, and what they measure."""
 
 
 def device_line(device: SensedDevice) -> tuple[Part, ...]:
@@ -138,13 +138,8 @@ def recommendation(result: ForceFeedbackRecommendation, shown: str = "", written
 def _helps(larger: LargerGain, problem: ForceFeedbackProblem) -> tuple[Part, ...]:
     """Return a change, and the gain that it allows with the mass that a slow hand then moves."""
     gain, mass = Value(larger.gain, "number"), Value(problem.device.mass_kg / (1 + larger.gain), "mass")
-    changed = (_CHANGES[larger.key], Value(larger.value, _measured(larger.key)))
-    return parts(*changed, ": gain", gain, ", apparent mass", mass)
-
-
-def _measured(key: str) -> Quantity:
-    """Return what a changed value measures."""
-    return "samples" if key.endswith("samples") else quantity_of(key)
+    name, measured = _CHANGES[larger.key]
+    return parts(name, Value(larger.value, measured), ": gain", gain, ", apparent mass", mass)
 
 
 def _felt(result: ForceFeedbackCertificate) -> Row:

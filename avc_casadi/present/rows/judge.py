@@ -33,6 +33,7 @@ from avc_casadi.model.problem import Problem
 from avc_casadi.present import words
 from avc_casadi.present.row import Answer, Mark, Part, Row, Value, caution, commas, grade, parts, row
 from avc_casadi.present.rows import pieces, subject
+from avc_casadi.present.rows.claim_words import detent_row_text
 from avc_casadi.present.rows.other_ends import stability
 from avc_casadi.recommendation.assumptions import Unused
 from avc_casadi.simulation.population.trial import RestCount
@@ -224,7 +225,7 @@ def _law_detents(result: LawCertificate) -> list[Row]:
     claim = result.detent
     if claim is None:
         return []
-    rows = [row(words.CLAIMS[claim.name], claim.sentence.removeprefix("detents: "), mark=grade(claim.passed))]
+    rows = [row(words.CLAIMS[claim.name], detent_row_text(claim, claim.units), mark=grade(claim.passed))]
     if claim.advice:
         rows.append(row("Would help", claim.advice))
     return rows

@@ -11,7 +11,7 @@ from typing import cast
 import numpy as np
 
 from avc_casadi._errors import InputError, UnsupportedError
-from avc_casadi._util.arrays import FloatArray
+from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi._util.counts import hands_count, refuse_counts, seed_count, workers_count
 from avc_casadi._util.parallel import map_tasks
 from avc_casadi._util.progress import SILENT, Progress
@@ -151,8 +151,7 @@ def try_admittance(
     tasks = _tasks(stated, hands, seed)
     sizes = [len(task.numbers) for task in tasks]
     tried = map_tasks(simulated, tasks, executor, workers=workers, sizes=sizes, things="hands", progress=progress)
-    order = np.argsort(np.concatenate([task.numbers for task in tasks]))
-    rests = {name: np.concatenate([part.rests(name) for part in tried])[order] for name in tried[0].motions}
+    rests = _rests_by_motion(tasks, tried)
     whole = np.all(list(rests.values()), axis=0)
     at_rest = int(whole.sum())
     return AdmittanceTrial(
@@ -174,6 +173,12 @@ def try_admittance(
         at_rest_interval=exact_interval(at_rest, hands),
         confidence=CONFIDENCE,
     )
+
+
+def _rests_by_motion(tasks: Sequence[HandTask], tried: Sequence[TriedHands]) -> dict[str, BoolArray]:
+    """Return whether each hand comes to rest in each motion, shape (hands,), in the order in which hands are drawn."""
+    order = np.argsort(np.concatenate([task.numbers for task in tasks]))
+    return {motion: np.concatenate([part.rests(motion) for part in tried])[order] for motion in tried[0].motions}
 
 
 def _ready_for_trial(problem: AdmittanceProblem) -> AdmittanceProblem:

@@ -101,11 +101,7 @@ def stream(
         pushed = push_over(connection, coupling, unsafe=unsafe)
         before = connection.status()
         sent = _Stream(connection, coupling, rate_hz, before.lookup_hz)
-        for number in range(max(1, round(seconds * rate_hz))):
-            sent.send(number)
-            if on_sample is not None:
-                on_sample(sent.samples[-1])
-            sent.wait_until(number + 1)
+        sent.run(seconds, on_sample)
         lasted = link.now_s() - sent.start_s
         middle = connection.status()
         after = _back_on_table(connection, middle, rate_hz)
@@ -156,18 +152,26 @@ class _Stream:
         """Times from a message to its answer, of those that were taken."""
         return np.array([sample.round_trip_s for sample in self.samples if math.isfinite(sample.round_trip_s)])
 
-    def _end_s(self, number: int) -> float:
+    def run(self, seconds: float, on_sample: Callable[[StreamSample], None] | None) -> None:
+        """Send a message each period for so long, one at least, and report each with its answer."""
+        for number in range(max(1, round(seconds * self._rate_hz))):
+            self.send(number)
+            if on_sample is not None:
+                on_sample(self.samples[-1])
+            self.wait_until(number + 1)
+
+    def _period_begins_s(self, number: int) -> float:
         """Return the time at which a message's period begins."""
         return self.start_s + number / self._rate_hz
 
     def wait_until(self, number: int) -> None:
         """Let time pass until the period of a message begins."""
-        self._connection.wait(self._end_s(number) - self._connection.link.now_s())
+        self._connection.wait(self._period_begins_s(number) - self._connection.link.now_s())
 
     def send(self, number: int) -> None:
         """Send the gains of the frequency that was heard last, once; add the sample, and a refusal."""
         connection = self._connection
-        end_s = self._end_s(number + 1)
+        end_s = self._period_begins_s(number + 1)
         sent_s = connection.link.now_s()
         b, k, b_p = map(float, lookup(self._rows, np.float32(self._frequency_hz)))
         payload = m.set_gains(self._coupling_id, number, self._hold_ticks, b, k, b_p)
