@@ -67,7 +67,11 @@ class DiskMargin(Condition):
         return float(self._values(loops).max())
 
     def linearised(self, loops: LawLoops, reach: float) -> Linearised:
-        """Return v with d ln|a| = Re(da/a)."""
+        """Return v = ln(goal |N|/(2 |Phi|)), N = 2 (1 + Y L) - Phi, where a step may raise it to 0, and dv/dL.
+
+        Y L is the observer's predicted position over its innovation, and Phi is 1 + Y L times the return difference of
+        the loop at the actuator. As d ln|a| = Re(da/a), dv = Re(dN/N - dPhi/Phi).
+        """
         values, rows = self._values(loops), loops.family.dense
         chosen = values > -self.near - 0.5 * reach
         of_plant, of_frequency = np.nonzero(chosen)
@@ -95,7 +99,11 @@ class EncoderNoise(Condition):
         return float(self._values(loops).max())
 
     def linearised(self, loops: LawLoops, reach: float) -> Linearised:
-        """Return v with d ln|a| = Re(da/a)."""
+        """Return v = ln(|X L|/(goal |Phi|)), where a step may raise it to 0, with its slopes by the gain L.
+
+        X L/Phi is the commanded force over a sine of encoder noise, N/m: X L the force over the innovation, Phi the
+        loop from noise to innovation. As d ln|a| = Re(da/a), dv = Re(d(X L)/(X L) - dPhi/Phi).
+        """
         values, rows = self._values(loops), loops.family.dense
         chosen = values > -self.near - reach
         of_plant, of_frequency = np.nonzero(chosen)
@@ -126,6 +134,11 @@ class Decay(Condition):
         )
 
     def _at_sector(self, loops: LawLoops, row: int) -> Linearised:
+        """Return v = 1 - decay/required with its slopes by L, at the poles where a share of the innovation is passed.
+
+        `row` is the place of the share in `SECTOR_GAINS`. Of conjugate pairs one pole counts. Poles that decay 1.6
+        times as fast as required, and those within 0.5 of the origin, which end within some samples, are left out.
+        """
         sector = SECTOR_GAINS[row]
         poles = loops.poles[row]
         ratios = loops.decay_ratios[row]
@@ -140,7 +153,11 @@ class Decay(Condition):
     def _slopes_of_ratios(
         loops: LawLoops, sector: SectorGain, pole_slopes: ComplexArray, poles: ComplexArray
     ) -> FloatArray:
-        """Return d(decay/required) for poles z = exp((-decay + i omega) T): d ln z/T is -d decay + i d omega."""
+        """Return d(decay/required) by the gain L, shape (poles, n), from the slopes dz of the poles.
+
+        Of a pole z = exp((-decay + i omega) T), d ln z/T = dz/(z T) is -d decay + i d omega, both 1/s. The required
+        decay changes with the frequency omega/(2 pi); its slope is a difference over 0.001 Hz.
+        """
         device = loops.family.problem.device
         hz, step_hz = np.angle(poles) / (2 * np.pi * device.sample_time_s), 1e-3
         decay_per_s = -np.log(np.abs(poles)) / device.sample_time_s
@@ -177,7 +194,10 @@ class PerturbedDecay(Condition):
         return float(self._values(loops, self._poles(loops)).max())
 
     def linearised(self, loops: LawLoops, reach: float) -> Linearised:
-        """Return v at the poles near the required decay, with d decay = -Re(dz/z)/T; of conjugate pairs one."""
+        """Return v = (required - decay)/scale at the poles near the required decay, with its slopes by the gain L.
+
+        decay = -ln|z|/T of a pole z, 1/s, so that d decay = -Re(dz/z)/T. Of conjugate pairs one pole counts.
+        """
         del reach  # poles move by their own derivatives, not by the change of Phi
         structure, poles = loops.family.structure, self._poles(loops)
         values = self._values(loops, poles)
@@ -204,7 +224,11 @@ class DistanceFromZero(Condition):
         )
 
     def linearised(self, loops: LawLoops, reach: float) -> Linearised:
-        """Return v with d|a| = Re(conj(a) da)/|a|."""
+        """Return v = 1 - |a|/required, a = 1 + g (Phi - 1), where a step may raise it to 0, and dv/dL.
+
+        g is the share of the innovation that quantiser and dead zone pass, and Phi the loop with the whole innovation
+        and a hand. As d|a| = Re(conj(a) da)/|a|, dv = -g Re(conj(a) dPhi)/(|a| required).
+        """
         values, rows = [], []
         held = loops.phi_coarse[: len(loops.family.held)]
         held_rows = loops.family.coarse.phi[: len(loops.family.held)]
@@ -235,7 +259,11 @@ class ObserverPoles(Condition):
         return self.scale * (loops.family.structure.observer_radius(loops.gain) - self.largest)
 
     def linearised(self, loops: LawLoops, reach: float) -> Linearised:
-        """Return v with d|pole| = Re(conj(pole) w' dA v)/|pole|, w and v its eigenvectors with w'v = 1."""
+        """Return v = 100 (|pole| - largest) of the observer alone near the largest allowed pole, with its slopes by L.
+
+        The observer's error decays by M = A - A L C. With eigenvectors w and v of a pole, w'v = 1, d pole = w' dM v and
+        d|pole| = Re(conj(pole) d pole)/|pole|. Of conjugate pairs one pole counts.
+        """
         del reach
         structure = loops.family.structure
         model = structure.model
@@ -267,7 +295,12 @@ class ClipPhase(Condition):
         return float(np.abs(loops.clip_phases).max()) - self.largest_rad
 
     def linearised(self, loops: LawLoops, reach: float) -> Linearised:
-        """Return v with d phase(a/b) = Im(da/a - db/b); 1 - G is Phi over the observer's O/A, times a constant."""
+        """Return v = |phase of 1 - G| - largest, rad, where a step may raise it to 0, with its slopes by the gain L.
+
+        G is the loop that a clipped force closes. 1 - G = Phi D/(O A): Phi the closed loop, O/A the return difference
+        of the observer alone, D/A that of the feedback, which L does not change. As d phase(a/b) = Im(da/a - db/b), dv
+        = sign(phase) Im(dPhi/Phi - d(O/A)/(O/A)).
+        """
         values = np.abs(loops.clip_phases) - self.largest_rad
         chosen = values > -self.near - reach
         of_plant, of_frequency = np.nonzero(chosen)
@@ -292,8 +325,9 @@ class ImpedanceError:
     def linearised(self, loops: LawLoops) -> Linearised:
         """Return values whose largest is the error after a step: Re(E_n e^-ia)/|E_d| less the error's share of d|E_d|.
 
-        To first order about the error t_0, |E_n + dE_n| <= t |E_d + dE_d| is
-        |E_n + dE_n|/|E_d| - t_0 d|E_d|/|E_d| <= t.
+        The impedance error at a frequency is |E_n|/|E_d|, both affine in the gain L (`ErrorRows`). To first order about
+        the error t_0, |E_n + dE_n| <= t |E_d + dE_d| is |E_n + dE_n|/|E_d| - t_0 d|E_d|/|E_d| <= t. A polygon of
+        `sides` angles a stands for the circle |E_n + dE_n|.
         """
         rows = loops.family.error
         deviation = rows.deviation @ loops.gain + rows.deviation_0

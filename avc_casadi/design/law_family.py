@@ -66,7 +66,11 @@ _DENSE = 8
 
 
 def required_decay_per_s(device: Device, hz: FloatArray, sector: SectorGain) -> FloatArray:
-    """Return the decay that poles at frequencies must have, 1/s: from slow to fast over (f/4 Hz)^4."""
+    """Return the decay d(f) that poles at frequencies f must have, 1/s: fast + (slow - fast)/(1 + (f/4 Hz)^4).
+
+    slow = 10/s for slow motion; fast = 4/s + 0.05 b/m for vibrations, 5/s at most, with b/m the decay of the device
+    itself. A sector gain multiplies either by its own share.
+    """
     device_decay_per_s = device.damping_ns_per_m / device.mass_kg
     fast_per_s = min(_MOST_FAST_DECAY_PER_S, _FAST_DECAY_PER_S + _FAST_PER_DEVICE_DECAY * device_decay_per_s)
     fast_per_s *= sector.fast_decay
@@ -135,11 +139,11 @@ class LawFamily:
     """All laws of one structure on a problem: every corner of the device's ranges and of the hands, and released."""
 
     def __init__(self, problem: Problem, structure: Structure) -> None:
-        """Prepare the rows of all conditions.
+        """Compute at each frequency of the grids by which rows of the gain L the loops depend on it.
 
         Args:
-            problem: device and wall; its ranges are judged at their corners.
-            structure: model and feedback of the observer.
+            problem: device and wall; its ranges are judged at their corners, with every hand and released.
+            structure: model and feedback of the observer, whose gain L is free.
         """
         self.problem = problem
         self.structure = structure
@@ -165,7 +169,10 @@ class LawFamily:
         return held.and_those_of(released)
 
     def _grid_hz(self, density: int) -> FloatArray:
-        """Return frequencies from 0.1 Hz to the Nyquist frequency itself, dense about resonances."""
+        """Return frequencies from 0.1 Hz to the Nyquist frequency itself, Hz, dense about resonances of the devices.
+
+        They are even in their logarithm up to 8 % of the sample rate, then even. `density` is a factor on their number.
+        """
         rate_hz = 1 / self.problem.device.sample_time_s
         slow_hz, fast_hz = min(3.0, 0.01 * rate_hz), 0.08 * rate_hz
         parts = [
@@ -181,7 +188,12 @@ class LawFamily:
         return hz[hz <= 0.5 * rate_hz * (1 + 1e-12)]
 
     def error_rows(self, hz: FloatArray) -> ErrorRows:
-        """Return the impedance error at frequencies as rows of L."""
+        """Return the impedance error |E_n|/|E_d| at frequencies as affine functions of the gain L, see `ErrorRows`.
+
+        With a law C, force over position in N/m, the impedance at the handle is Z = (z_0 + p C)/(1 + q C). z_0, p and
+        q, one each at each frequency, follow from Z with three laws: none, a spring k, and j k, a spring turned by 90
+        degrees.
+        """
         device, k = self.problem.device, self.structure.stiffness_n_per_m
         # z_0, p and q follow from the impedance with three laws C: none, a spring, and a spring turned by 90 degrees.
         alone, spring, turned = (handle_impedance(device, law, hz)[0] for law in (0j, k + 0j, 1j * k))
@@ -237,7 +249,10 @@ class LawLoops:
 
     @cached_property
     def decay_ratios(self) -> tuple[FloatArray, ...]:
-        """Decay of each pole over the required one, at each of `SECTOR_GAINS`."""
+        """Decay over the required one of each pole, at each of `SECTOR_GAINS`, shape (plants, states) each.
+
+        A pole z decays with -ln|z|/T, 1/s, and has the frequency |arg z|/(2 pi T), by which the requirement goes.
+        """
         device = self.family.problem.device
         ratios = []
         for sector, poles in zip(SECTOR_GAINS, self.poles, strict=True):
@@ -275,7 +290,7 @@ class LawLoops:
 
     @cached_property
     def performance(self) -> Performance:
-        """What the law reaches."""
+        """Impedance error, disk margin, noise gain, decay and stability that the law reaches over hands and devices."""
         return Performance(
             error=float(self.family.error.errors(self.gain).max()),
             disk_margin=float(2 / np.abs(self.margin_numerator / self.phi_dense).max()),

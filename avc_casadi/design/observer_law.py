@@ -64,7 +64,11 @@ _SMOOTHED_HZ = 15.0
 
 
 def _assumed_hand(guess: Guess, device: Device, hands: Hands) -> Hand:
-    """Return the hand of a guess for the ranges of [hands]."""
+    """Return the hand of a guess: mass, damping and stiffness as its shares of the middles of the ranges of [hands].
+
+    A middle counts as at least 0.01 kg, 1 N.s/m or 10 N/m at the handle, since a hand without mass or spring gives the
+    filter no model.
+    """
     middle_kg, middle_ns_per_m, middle_n_per_m = (
         max(sum(getattr(hands, name)) / 2, least * device.metres_per_unit**2) for name, least in _LEAST_HAND.items()
     )
@@ -76,7 +80,11 @@ def _assumed_hand(guess: Guess, device: Device, hands: Hands) -> Hand:
 
 
 def regulator(device: Device, hands: Hands, stiffness_n_per_m: float, guess: Guess) -> StateFeedback:
-    """Return the Kalman filter and regulator of a guess, before a wall of a stiffness."""
+    """Return a Kalman filter with a linear regulator as an observer law, before a wall of a stiffness.
+
+    The filter models the device, a hand of the guess and a push that walks at random; its noises are forces on motor
+    and handle. The regulator weighs position and velocity against the force. Its static stiffness is the wall's.
+    """
     t = device.sample_time_s
     light_kg, faster = device.mass_kg + hands.mass_kg[0], min(1.0, t / _SHORTEST_FILTER_S)
     hand = _assumed_hand(guess, device, hands)
@@ -99,7 +107,10 @@ def regulator(device: Device, hands: Hands, stiffness_n_per_m: float, guess: Gue
 
 
 def _law(device: Device, parts: tuple[FloatArray, ...], positions: tuple[int, ...], measures: int) -> StateFeedback:
-    """Return the law of A, B, L and R, with a dead zone of the usual width."""
+    """Return the observer law of A, B, L and R in `parts`, rounded to single precision, with the usual dead zone.
+
+    Its step is s+ = A (s + L innovation) + B force, its force K R (s + L innovation), K the stiffness of the wall.
+    """
     # In single precision, as on the device: what is judged is what runs.
     state, force, innovation, feedback = (part.astype(np.float32).astype(np.float64) for part in parts)
     law = StateFeedback(
@@ -172,13 +183,21 @@ class Structure:
         return np.asarray(self.state + self.stiffness_n_per_m * np.outer(self.force, self.feedback))
 
     def rows(self, z: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
-        """Return X and Y at points z, shape (..., n) each."""
+        """Return the rows X and Y of a gain L at points z, shape (..., n) each.
+
+        X L is the force over the innovation, N/m, and Y L the predicted position over the innovation, of the law
+        without a plant: with M = A + K B R, X = K R (1 - M/z)^-1 and Y = C M (1 - M/z)^-1/z, C the measured position.
+        """
         inner = np.linalg.inv(np.eye(len(self.force)) - self.closed / z[..., None, None])
         x = self.stiffness_n_per_m * (self.feedback @ inner)
         return np.asarray(x), np.asarray((self.closed[self.measures] @ inner) / z[..., None])
 
     def differences(self, z: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
-        """Return O - 1 of the observer as rows of L, (..., n), and 1 - K R (z - A)^-1 B of the feedback, at z."""
+        """Return O/A - 1 of the observer alone as rows of L, (..., n), and D/A of the feedback, at points z.
+
+        O/A = 1 + C (z - A)^-1 A L is the return difference of the observer that no force moves, and D/A = 1 - K R (z -
+        A)^-1 B that of the feedback of the state, both of the modelled states without filters.
+        """
         n = self.modelled
         rows = np.zeros((*z.shape, len(self.force)), dtype=np.complex128)
         inner = np.linalg.inv(z[..., None, None] * np.eye(n) - self.model)
@@ -201,7 +220,11 @@ class Structure:
         return float(np.abs(np.linalg.eigvals(self.observer(gain))).max())
 
     def loops(self, plants: PlantMatrices, gain: FloatArray, share: float = 1.0) -> FloatArray:
-        """Return the closed loops of p plants where a share of the innovation is passed, (p, s + n, s + n)."""
+        """Return the closed loops of p plants where a share of the innovation is passed, (p, s + n, s + n).
+
+        The states are the s of the plant, then the n of the law: x+ = A_p x + B_p F, with the force F = K R (state
+        corrected by share x L x innovation).
+        """
         s, n = len(plants.measured), len(self.force)
         loops = np.zeros((len(plants), s + n, s + n))
         loops[:, :s, :s], loops[:, s:, s:] = plants.state, self.closed
@@ -211,7 +234,11 @@ class Structure:
         return loops
 
     def _through(self, plants: PlantMatrices) -> tuple[FloatArray, FloatArray]:
-        """Return the row of the innovation over the states, and what a corrected state moves."""
+        """Return the row of the innovation over the states (x, s), and how they move by a correction of s.
+
+        x is the state of the plant and s that of the observer, of p plants: the innovation is C x - C_m s. A correction
+        of s moves x through the force, and s by A + K B R.
+        """
         n = len(self.force)
         innovation = np.concatenate([plants.measured, -np.eye(n)[self.measures]])
         force = plants.force[:, :, None] * (self.stiffness_n_per_m * self.feedback)
@@ -219,7 +246,10 @@ class Structure:
         return innovation, corrected
 
     def slopes(self, plants: PlantMatrices, gain: FloatArray, share: float, poles: ComplexArray) -> ComplexArray:
-        """Return the derivative by L of one pole of each plant's loop, (p, n): w' dA v/w'v by inverse iteration."""
+        """Return the derivative by L of one pole of each plant's loop M, (p, n): w' dM v/w'v, w and v its eigenvectors.
+
+        The eigenvectors come from three steps of inverse iteration. `share` is that of the innovation that is passed.
+        """
         loops = self.loops(plants, gain, share)
         # Off the pole itself, where the matrix is singular.
         shifted = loops - ((1 + 1e-9) * poles)[:, None, None] * np.eye(loops.shape[-1])
@@ -233,7 +263,11 @@ class Structure:
         return np.asarray(share * (left.swapaxes(1, 2) @ corrected)[:, 0] * (innovation @ right) / product)
 
     def law(self, gain: FloatArray, problem: Problem) -> StateFeedback:
-        """Return the law that runs; a damper of the wall acts on its position and is taken out of it before."""
+        """Return the law that runs, of a gain L; a damper of the wall is taken out of it, and acts on its position.
+
+        With a damper b_e, the force k_e y + b_e (y - y before)/T of the wall is to be that of the law, where y is the
+        position of its face: one more state remembers y before.
+        """
         state = self.state
         force = self.force
         feedback = self.feedback
@@ -261,7 +295,10 @@ class _Model:
 
     @classmethod
     def of(cls, device: Device, hand: Hand, mode: Mode | None, stiffness_n_per_m: float) -> _Model:
-        """Return the model for an assumed hand and mode."""
+        """Return the observer's model: sampled device with the assumed hand and mode, forces under way, and a push.
+
+        States become lengths: velocities times T, forces over the wall's stiffness K.
+        """
         t, k = device.sample_time_s, stiffness_n_per_m
         plant = device_plant(device, hand, mode=mode)
         linear = plant.linear()
@@ -288,7 +325,11 @@ class _Model:
         return np.asarray(np.eye(len(self.push))[self.measured])
 
     def feedback(self, position: float, velocity: float) -> FloatArray:
-        """Return R: the regulator towards the equilibrium of the disturbance."""
+        """Return R of u = R s, u the force over K: the regulator towards the equilibrium of the estimated push.
+
+        `position` and `velocity` are the weights of the device's in the cost next to that of u, which is 1. In the
+        equilibrium u is the measured position that balances the push, so that a hand feels the wall's own stiffness.
+        """
         a, b = self.state[:-1, :-1], self.push[:-1]
         # Equilibrium where u = the measured position balances the disturbance: the wall's own stiffness.
         rest = np.linalg.solve(np.eye(len(b)) - a - np.outer(b, self._seen[:-1]), self.state[:-1, -1])
@@ -299,7 +340,10 @@ class _Model:
         return np.append(gain, rest[self.measured] - gain @ rest)
 
     def innovation(self, walk: float, forces: tuple[float, float]) -> FloatArray:
-        """Return L: the stationary Kalman gain, with the encoder's noise as the unit of length."""
+        """Return L: the stationary Kalman gain, with the encoder's noise as the unit of length.
+
+        `walk` is the noise of the push in a sample, `forces` those of the forces on motor and handle.
+        """
         noise = np.full(len(self.push), _REGULARISATION)
         noise[-1] += walk**2
         spread = np.diag(noise) + (self.kicks.T * np.square(forces)) @ self.kicks

@@ -65,7 +65,11 @@ class PairCertificate(Worded, Document):
 def certify_pair(
     problem: Problem, gains: ToolGains, search: EndSearch, stages: Stages = UNSEEN_STAGES
 ) -> PairCertificate:
-    """Return the certificate: stability and passivity apart. Each region that is searched is a stage."""
+    """Return the certificate of a spring and damper to another end than a wall: stability and passivity apart.
+
+    Stability is that of every loop at the corners of all ranges and between them. Each region that is searched is a
+    stage of the progress.
+    """
     stable = search.loops.stable_over_ranges(gains, stages)
     radius, case = search.loops.radius(gains, stages)
     margins = search.margins(gains, stages)

@@ -102,7 +102,11 @@ class Program:
         return TrustRegion(self.family, self.conditions).minimised(gain)
 
     def best(self) -> LawLoops | None:
-        """Return the best law found from the most promising starts; None where no start is stable."""
+        """Return the law of least merit from the most promising starts; None where no start is stable.
+
+        The merit is the impedance error and the price of what the conditions miss. It ends with the second law that
+        meets the goals, or with the sixth start.
+        """
         search = TrustRegion(self.family, self.conditions)
         starts = promising_starts(self.family, self.conditions, self.goals.disk_margin)
         laws: list[LawLoops] = []
@@ -193,7 +197,12 @@ def why_no_law(problem: Problem) -> str:
 
 
 def usual_goals(problem: Problem, stiffness_n_per_m: float) -> Goals:
-    """Return what `[robustness]` requires, or the usual goals, of a law of a stiffness."""
+    """Return the disk margin and noise gain that `[robustness]` requires, or the usual ones, of a stiffness K.
+
+    The noise gain, N/m, is the largest force over a sine of encoder noise: ripple_n over an encoder step. Where
+    `[robustness]` states no ripple_n, it is 1.5 N over a step (for a device that turns, at the radius of its handle),
+    or 12 K where that is more.
+    """
     device, required = problem.device, problem.robustness
     ripple_n = RIPPLE_N if required.ripple_n is None else required.ripple_n
     least_n_per_m = NOISE_OVER_STIFFNESS * stiffness_n_per_m if required.ripple_n is None else 0.0
@@ -246,7 +255,11 @@ def program_answers(
 
 
 def solve_robust(problem: Problem, *, progress: Progress = SILENT) -> GainSchedule:
-    """Solve by the law of the program, in ``state_feedback``; every row has the same gains."""
+    """Return the observer law of least impedance error as a gain table: in every row a spring, and the law.
+
+    Raises:
+        UnsupportedError: the device or wall has no such law.
+    """
     if why := why_no_law(problem):
         raise UnsupportedError(f"{problem.name}: method robust: {why}; use another method, such as static")
     started = time.perf_counter()

@@ -50,7 +50,10 @@ def law_scene(problem: Problem) -> Problem:
 
 
 def scene_notes(problem: Problem) -> list[str]:
-    """Return a note where the scene's coupling is designed for another device."""
+    """Return a note where the scene's coupling is designed for another delay than that of the device.
+
+    A scene that names no coupling has that of the delay rounded up to whole samples.
+    """
     declared = problem.device.delay_samples
     designed = _designed_delay_samples(problem)
     if designed == declared:
@@ -183,7 +186,7 @@ class SimulatedPair:
         return "given" if self.given else "recommended"
 
     def document(self) -> dict[str, Any]:
-        """Return the `simulate` document: JSON values only."""
+        """Return run, spring and damper, and where they come from, as the JSON values that `avc simulate` writes."""
         return self.run.document(self.trace) | {
             "coupling": self.coupling,
             "effects": list(self.run.effects),
@@ -211,7 +214,7 @@ def _without_guard(run: Run, problem: Problem) -> Run | None:
 
 
 def _read_at(run: Run, problem: Problem) -> float | None:
-    """Return the initial frequency at which varying gains are read; None for constant ones."""
+    """Return the frequency, Hz, at which gains that vary are read at first; None for constant ones."""
     gains = run.request["gains"]
     if isinstance(gains, Gains):
         return None

@@ -61,7 +61,10 @@ SHORT_ROUNDING = 1.001
 
 
 def solve_schedule(problem: Problem, *, constant: bool = False, progress: Progress = SILENT) -> GainSchedule:
-    """Solve the joint schedule of a problem for all its frequencies, which increase."""
+    """Return the gains of the joint schedule of a problem at all its frequencies, which increase.
+
+    With ``constant`` they are the same at all of them.
+    """
     started = time.perf_counter()
     programme = Programme.of(problem, constant=constant)
     built = time.perf_counter()
@@ -75,7 +78,10 @@ def solve_schedule(problem: Problem, *, constant: bool = False, progress: Progre
 
 
 def _from_lattice(programme: Programme) -> list[FloatArray]:
-    """Return states (d, n) to start from: the cheapest path of a lattice first."""
+    """Return states (d, n) to start the NLP from: first the cheapest path of a dynamic programme over a lattice.
+
+    Where they may help, constant states and the exact gains of each frequency follow.
+    """
     problem = programme.problem
     n = len(programme.frequency_hz)
     x = programme.log_frequency
@@ -125,7 +131,11 @@ def _lattice_costs(programme: Programme, chosen: IndexArray, nodes: FloatArray) 
 
 
 def _solved(programme: Programme, missing: Missing, starts: list[FloatArray]) -> Solution:
-    """Return the cheapest solution from all starts, the lattice's path itself, or the gains of tight stages at all."""
+    """Return the cheapest of the solutions from all starts and of the lattice's path itself.
+
+    If none meets every scope, the gains of stages with nothing to spare are tried at all stages. With scope hands the
+    best is solved again with a finer table of the hands about it.
+    """
     refined = [_refined(programme, missing, start) for start in starts]
     solutions = [*refined, _checked(programme, missing, starts[0])]
     if all(solution.failure for solution in solutions):
@@ -201,7 +211,7 @@ def _about(programme: Programme, solution: Solution, missing: Missing) -> Progra
 
 
 def _schedule(programme: Programme, missing: Missing, solution: Solution | None) -> GainSchedule:
-    """Return the schedule of a solution, or of none where no row can meet its scope, with status and notes."""
+    """Return a solution as a gain table with status, reasons and notes; without gains where there is none."""
     problem = programme.problem
     states = missing.states if solution is None else solution.states
     b, k, contact = (np.where(missing.rows, np.nan, gain) for gain in programme.states.gains(states))
@@ -305,7 +315,7 @@ def _nearest(programme: Programme, start: FloatArray) -> FloatArray:
 
 
 def _reason(programme: Programme, stage: int, states: FloatArray) -> str:
-    """Return what is short at a stage with the best gains there, and the next step."""
+    """Return a sentence on what is short at a stage with the best gains there, and the next step."""
     problem = programme.problem
     gains = programme.states.gains(states)
     b, k, p = (float(gain[stage]) for gain in gains)
@@ -368,7 +378,10 @@ def cheapest_path(
 
 
 def _after_move(value: FloatArray, move: FloatArray, dimension: int) -> FloatArray:
-    """Return the least cost of each node after a move along one state, of the shape of ``value``."""
+    """Return the least cost V(s) = min over s' of V(s') + move(s, s') after a move along one state.
+
+    ``value`` is V over the lattice, ``move`` the cost (nodes, nodes) of that state, ``dimension`` its axis.
+    """
     lines = np.ascontiguousarray(np.moveaxis(value, dimension, 0))
     best = np.full_like(lines, np.inf)
     for line, from_line in zip(lines, move.T, strict=True):

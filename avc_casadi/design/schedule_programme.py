@@ -69,7 +69,11 @@ class States:
 
     @classmethod
     def of(cls, problem: Problem, loop: ImpedanceLoop) -> States:
-        """Return the map with floors for a problem at the frequencies of ``loop``."""
+        """Return the map between gains and states for a problem at the frequencies of ``loop``, with its floors.
+
+        The floor of b or k is 1e-4 of the smallest gain that weighs as much as the environment at some frequency. A
+        floor admits a gain of 0, as a state is ln(gain + floor).
+        """
         weight = np.abs(loop.environment)
         weight = np.where(weight > 0, weight, max(problem.device.damping_ns_per_m, 1.0))
         b_floor = FLOOR_SHARE * float(weight.min())
@@ -134,7 +138,10 @@ def deciding_corners(problem: Problem) -> tuple[Problem, ...]:
 
 
 def worst_slack(problem: Problem, frequency_hz: FloatArray, gains: GainArrays) -> ScopeSlack:
-    """Return the exact slack of each row over its whole scope, at the worst corner of the device."""
+    """Return the exact slack of each row of gains over its whole scope, at the worst corner of the device.
+
+    It is Re Z_h less the margin, N.s/m, at the frequency where it is least; with scope hands it is 1 - spectral radius.
+    """
     corners = deciding_corners(problem)
     deciding = deciding_frequencies_hz(problem, frequency_hz)
     if deciding is not None:
@@ -216,7 +223,7 @@ def realism_slack(problem: Problem, loop: ImpedanceLoop, gains: GainArrays) -> F
 
 
 def hands_slack(problem: Problem, states: States, nodes: FloatArray) -> FloatArray:
-    """Return 1 - spectral radius of the frozen loop at nodes (d, m), the least over all corners, shape (m,).
+    """Return 1 - spectral radius of the frozen loop at nodes (d, m) of states, the least over all corners, shape (m,).
 
     Corners are those of the hands and of the device; the margin is taken off the device's damping.
     """
@@ -262,7 +269,10 @@ class HandsTable:
 
 
 def _spline(axes: list[FloatArray], values: FloatArray) -> Any:
-    """Return CasADi's interpolating cubic spline; its coefficients come one axis after another, 300 times as fast."""
+    """Return CasADi's interpolating cubic spline of values on a grid of axes.
+
+    Its coefficients come from one axis after another, 300 times as fast as CasADi finds them.
+    """
     from scipy.interpolate import make_interp_spline  # noqa: PLC0415 - half a second that few designs need
 
     knots: list[list[float]] = []
@@ -405,7 +415,11 @@ class Programme:
         return replace(self, frequency_hz=self.frequency_hz[rows])
 
     def solve(self, slots: Slots, backoff: FloatArray, start: FloatArray) -> Solution:
-        """Solve from states (d, n), with a ``backoff`` of each stage from scope and realism, (2, n)."""
+        """Solve the NLP from states (d, n), with a ``backoff`` of each stage from scope and realism, (2, n).
+
+        Constraints: Re Z_h over its scale at each slot no less than margin + backoff, the values of realism, 1 -
+        spectral radius, and slopes within their limit.
+        """
         d, n = start.shape
         columns = 1 if self.constant else n
         low = np.repeat(self.states.low[:, None], columns, axis=1)
@@ -448,7 +462,12 @@ class Programme:
         return np.isfinite(self.slope_limit) and len(self.frequency_hz) > 1 and not (self.constant or self.elastic)
 
     def _stage(self, slots: int) -> Any:
-        """Return (sigma, parameters) -> cost, margins: Re Z_h of each slot over its scale, then realism's values."""
+        """Return the function (sigma, parameters) -> cost, margins of one frequency.
+
+        sigma are the states ln(gain + floor); the parameters are frequency, scale of Re Z_h, bounds of realism, and the
+        frequencies of the slots. The cost is the squared relative error of Z_h + the penalty on b_p. The margins are Re
+        Z_h over its scale at each slot, then the values of realism.
+        """
         problem = self.problem
         goal = problem.realism
         sigma = ca.SX.sym("sigma", len(self.states.floors))
@@ -471,7 +490,10 @@ class Programme:
 
     @cached_property
     def _solver(self) -> Any:
-        """IPOPT, with the frequencies of the scopes as parameters."""
+        """IPOPT for all stages, or for what they lack where `elastic`; the frequencies of the scopes are parameters.
+
+        The objective is the weighted sum of the costs + slope penalty x mean square of d sigma/d ln(omega).
+        """
         slots = len(Slots.of(self.problem, self.frequency_hz).frequency_hz)
         d = len(self.states.floors)
         n = len(self.frequency_hz)
@@ -500,7 +522,11 @@ class Programme:
 
 
 def _error(objective: str, z: ComplexExpr, target: ComplexExpr, noticeable: Real) -> Real:
-    """Return the squared relative error of Z_h: of its magnitude, complex, or of its noticeable part."""
+    """Return the squared relative error of Z_h from the target Z_t, by the objective.
+
+    magnitude: (1 - |Z_h|/|Z_t|)^2; complex: |Z_h - Z_t|^2/|Z_t|^2; otherwise the part of this error above the
+    noticeable one, (error/noticeable - 1)^2.
+    """
     error2 = abs2(z - target) / abs2(target)
     if objective == "magnitude":
         return (1 - ca.sqrt(abs2(z) / abs2(target) + SMALLEST_RATIO)) ** 2

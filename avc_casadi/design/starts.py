@@ -57,7 +57,12 @@ class _Springs:
         )
 
     def force_per_position(self, z: ComplexArray, wall_n_per_m: float, sample_time_s: float) -> ComplexArray:
-        """Return spring + damper (1 - 1/z)/T filtered + (wall - spring) behind a lag, N/m, (m, len(z))."""
+        """Return force over position at points z, N/m, (m, len(z)): spring, damper, and the rest behind a lag.
+
+            k + b/T (1 - 1/z) (1 - p)/(1 - p/z) + (k_e - k) (1 - l)/(z - l),   l = exp(-2 pi f T)
+
+        k and b are spring and damper, p the pole of the filter of the velocity, f the corner of the lag, k_e the wall.
+        """
         spring, damper = self.spring_n_per_m[:, None], self.damper_ns_per_m[:, None]
         pole, lag = self.velocity_pole[:, None], np.exp(-2 * np.pi * self.lag_hz[:, None] * sample_time_s)
         damped = damper / sample_time_s * (1 - 1 / z) * (1 - pole) / (1 - pole / z)
@@ -65,7 +70,11 @@ class _Springs:
 
 
 def _disk_margins(family: LawFamily, springs: _Springs) -> FloatArray:
-    """Return the disk margin of each law over every plant, 0 where it is unstable by the turns of Phi."""
+    """Return the least disk margin 2/|(2 - Phi)/Phi| of each law over every plant, shape (m,); 0 where it is unstable.
+
+    Phi = 1 + P C of a plant P and law C. By Nyquist, the loop with a hand is stable where Phi does not wind about 0
+    from 0 Hz up to half the sample rate; a released device has two integrators, for which it begins with half a turn.
+    """
     z, response = family.z[::2], family.response[:, ::2]
     law = springs.force_per_position(z, family.structure.stiffness_n_per_m, family.problem.device.sample_time_s)
     margins = np.full(len(springs), np.inf)
@@ -81,9 +90,9 @@ def _disk_margins(family: LawFamily, springs: _Springs) -> FloatArray:
 
 
 def _starts(family: LawFamily, disk_margin: float) -> Iterator[FloatArray]:
-    """Yield gains L, shape (states,): for each spring the law of the fastest lag with enough margin, then of the most.
+    """Yield gains L, shape (states,): of each spring the law of the fastest lag with enough margin, then of the most.
 
-    The last is the regulator's own, the innovation of the family's structure.
+    Enough is 1.25 times the required `disk_margin`. The last gain is the regulator's own.
     """
     springs = _Springs.grid(family)
     margins = _disk_margins(family, springs)
@@ -99,9 +108,10 @@ def _starts(family: LawFamily, disk_margin: float) -> Iterator[FloatArray]:
 
 
 def _nearest_law(family: LawFamily, spring: _Springs) -> FloatArray:
-    """Return the gain L whose law X L/(1 + Y L) is nearest to a transfer C by the relative change of Phi.
+    """Return the gain L whose law X L/(1 + Y L) is nearest to spring, damper and lag C by the relative change of Phi.
 
-    Linear least squares: X L - C Y L = C, weighed by the largest |P/(1 + P C)| of the plants.
+    Phi = 1 + P C is the loop with a plant P. Linear least squares over the frequencies: X L - C Y L = C, weighed by the
+    largest |P/(1 + P C)| of the plants.
     """
     structure = family.structure
     law = spring.force_per_position(family.z, structure.stiffness_n_per_m, family.problem.device.sample_time_s)[0]
@@ -115,7 +125,10 @@ def _nearest_law(family: LawFamily, spring: _Springs) -> FloatArray:
 
 
 def promising_starts(family: LawFamily, conditions: tuple[Condition, ...], disk_margin: float) -> list[FloatArray]:
-    """Return the gains L that are stable with every hand and released, the most promising first, none twice."""
+    """Return the gains L that are stable with every hand and released, none twice, those of the least cost first.
+
+    The cost is the squared impedance error + 2 x the price of what the conditions miss.
+    """
     cost_of: dict[bytes, tuple[float, int, FloatArray]] = {}
     for order, gain in enumerate(_starts(family, disk_margin)):
         if gain.tobytes() in cost_of or family.structure.observer_radius(gain) >= 1:

@@ -61,6 +61,11 @@ class StaticSearch:
     """Search over (b, k[, b_p]), logarithmic shares of their ranges, by ever finer grids; points have shape (m, d)."""
 
     def __init__(self, problem: Problem, condition: StaticCondition, loop: SampledLoop) -> None:
+        """Set up the ranges of the gains (b, k[, b_p]) of the box, and the loop in which the condition is judged.
+
+        Under Llewellyn's condition b and k are bounded further, by 9 and 10/T times the damping of device and contact
+        damper: more is never allowed.
+        """
         self.problem = problem
         self.condition = condition
         self.loop = loop
@@ -78,7 +83,10 @@ class StaticSearch:
         self.design = loop_at(problem, problem.frequencies_hz())
 
     def gains(self, points: FloatArray) -> FloatArray:
-        """Return b, k and b_p of points, shape (3, m): (low + c) ((high + c)/(low + c))^x - c, c = 1e-6 high."""
+        """Return b, k and b_p of points x, shape (3, m): (low + c) ((high + c)/(low + c))^x - c, c = 1e-6 high.
+
+        low and high are the ends of the range of each gain, N.s/m or N/m; x = 0 is the one, x = 1 the other.
+        """
         scale = self.high * _SCALE_SHARE
         ratio = (self.high + scale) / np.where(self.high > 0, self.low + scale, 1.0)
         values = (self.low + scale) * np.where(self.high > 0, ratio, 1.0) ** points - scale
@@ -89,7 +97,11 @@ class StaticSearch:
         return np.asarray(values.T)
 
     def slack(self, points: FloatArray) -> FloatArray:
-        """Return the slack of the condition beyond the margin, N.s/m, shape (m,)."""
+        """Return the least margin of the condition over frequency beyond the required one, N.s/m, shape (m,).
+
+        The condition is Llewellyn's, for any passive environment, or Re Z_h >= 0 with the problem's own; the margin is
+        device damping to spare.
+        """
         b, k, contact = self.gains(points)
         if self.condition == "llewellyn":
             margin = llewellyn_margin(self.loop, b, k, contact)[0]
@@ -98,7 +110,7 @@ class StaticSearch:
         return np.asarray(margin - margin_over_range(self.problem))
 
     def allowed(self, points: FloatArray) -> tuple[FloatArray, BoolArray]:
-        """Reduce stiffnesses until the condition is met; return the points and whether it is."""
+        """Return the points, with the stiffness reduced until the condition is met, and whether it is met, (m,)."""
         points = points.copy()
         met = self.slack(points) >= 0
         # Gains other than the stiffness, each combination once.
@@ -114,9 +126,10 @@ class StaticSearch:
         return points, met
 
     def _edge(self, dampers: FloatArray) -> tuple[FloatArray, BoolArray]:
-        """Return points with the largest admissible stiffness beside each of the dampers, and whether there is one.
+        """Return points with the largest admissible stiffness at each of the dampers, and whether there is one.
 
-        False position (Illinois): the slack of an end that stays for a second step counts half.
+        `dampers` are b[, b_p], shape (m, d - 1). False position (Illinois) on the slack of the condition: that of an
+        end that stays for a second step counts half. Every fourth step halves the bracket.
         """
         inside = np.insert(dampers, 1, 0.0, axis=1)
         outside = np.insert(dampers, 1, 1.0, axis=1)
@@ -149,7 +162,10 @@ class StaticSearch:
         return inside, reachable
 
     def cost(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the mean squared relative error (m,), infinite where the condition is violated, and the points."""
+        """Return the mean squared relative error of the impedance, (m,), and the points as they are judged.
+
+        Their stiffness is reduced until the condition is met. The error is infinite where no stiffness meets it.
+        """
         points, met = self.allowed(points)
         cost = np.full(len(points), np.inf)
         if met.any():
@@ -157,7 +173,7 @@ class StaticSearch:
         return cost, points
 
     def errors(self, points: FloatArray) -> FloatArray:
-        """Return the mean squared relative error, (m,)."""
+        """Return the mean over the frequencies of the squared relative error of the perceived impedance, (m,)."""
         b, k, contact = (gain[:, None] for gain in self.gains(points))
         realism = self.problem.realism
         perceived = self.design.perceived(b, k, contact)
@@ -165,7 +181,10 @@ class StaticSearch:
         return np.asarray(np.mean(errors**2, axis=1))
 
     def run(self) -> tuple[FloatArray, float]:
-        """Return the best point and its cost; if the cost is infinite, the point of least violation."""
+        """Return the point of least error and its error: the cheapest of a grid, refined by ever finer grids about it.
+
+        If no point meets the condition, the error is infinite and the point is that of least violation.
+        """
         size = len(self.low)
         grid = _grid(np.linspace(0, 1, _COARSE_NODES[size]), size)
         step = 1.0 / (_COARSE_NODES[size] - 1)
@@ -185,7 +204,7 @@ class StaticSearch:
         return self._at_bounds_if_as_good(best)
 
     def _at_bounds_if_as_good(self, best: FloatArray) -> tuple[FloatArray, float]:
-        """Return a point, or one as good with a gain at its bound, and its exact cost."""
+        """Return a point and its exact error, or one with a damper at an end of its range whose error is no larger."""
         # A flat error may stop the search short of a bound.
         size = len(best)
         rounded = np.repeat(best[None], 2 * size - 1, axis=0)
@@ -205,7 +224,10 @@ def _grid(axis: FloatArray, size: int) -> FloatArray:
 
 
 def _apart(points: FloatArray, distance: float, count: int = _STARTS) -> FloatArray:
-    """Return the first of the points, (m, d), and the next ones distinct from those before."""
+    """Return the first of the points, (m, d), and the next ones that are apart from those before, `count` at most.
+
+    Points are apart where a coordinate differs by more than `distance`.
+    """
     taken = points[:1]
     for point in points:
         if len(taken) == count:
@@ -221,7 +243,16 @@ def _descend(
     step: float,
     smallest: float = _SMALLEST_STEP,
 ) -> tuple[FloatArray, float]:
-    """Move to the best point of a small grid about the present one; shrink the grid when the best is not at its rim."""
+    """Return the lowest point that grids about a start lead to, and its value.
+
+    Args:
+        start: a point, shape (d,), of shares from 0 to 1.
+        value: from points (m, d) to their values (m,), and to the points that were judged in their place.
+        step: half the width of the first grid.
+        smallest: width at which it ends.
+
+    The grid moves to its best point, and shrinks to 0.4 where that is not at its rim.
+    """
     offsets = _grid(np.linspace(-1, 1, _FINE_NODES[len(start)]), len(start))
     best = float(value(start[None])[0][0])
     for _ in range(_MOVES):
@@ -280,7 +311,11 @@ class StaticCoupling:
 
 
 def static_coupling(problem: Problem, condition: StaticCondition = "llewellyn") -> StaticCoupling:
-    """Return the constant coupling of least mean squared relative error that a condition allows, without tolerance."""
+    """Return the constant coupling (b, k, b_p) of least mean squared error of the impedance that a condition allows.
+
+    Raises:
+        UnsupportedError: the device has no damping, so that no coupling is allowed.
+    """
     if problem.device.damping_ns_per_m == 0:
         raise UnsupportedError(
             "device.damping_ns_per_m is 0; method static needs a value above 0: otherwise neither Llewellyn's "

@@ -161,7 +161,10 @@ def _curve(
     softest: float,
     stiffest: float,
 ) -> FloatArray:
-    """Return the limit with each damper, once no search of the ranges refutes the highest."""
+    """Return the largest stable K, N/m, with each damper, once no search of the ranges refutes the highest.
+
+    `gains` makes a coupling of K and B; K is looked for from `softest` to `stiffest`, N/m.
+    """
     limits = np.zeros(len(damping_ns_per_m))
     for _ in range(_SEARCHES):
         for row, b in enumerate(damping_ns_per_m):

@@ -72,14 +72,18 @@ class TrustRegion:
         self.objective = ImpedanceError()
 
     def merit(self, loops: LawLoops) -> float:
-        """Return the error and the price of what is missing; infinite where a loop is unstable."""
+        """Return the largest impedance error + sum of weight x miss of each condition; infinite where unstable."""
         if not (np.isfinite(loops.gain).all() and loops.radius < 1):
             return math.inf
         missing = (condition.weight * max(0.0, condition.worst(loops)) for condition in self.conditions)
         return self.objective.largest(loops) + sum(missing)
 
     def minimised(self, start: FloatArray) -> LawLoops:
-        """Return the best law found from a stable gain L."""
+        """Return the law of least merit that steps from a stable gain L reach, never worse than the start.
+
+        Each step minimises the linearised merit within the reach. It is taken where the merit falls by a tenth of what
+        was promised; then the reach doubles from seven tenths on. Where it is not taken, the reach shrinks to a third.
+        """
         settings = self.settings
         reach = settings.first_reach
         slow = 0
@@ -122,7 +126,11 @@ class TrustRegion:
             loops = again
 
     def _axes(self, loops: LawLoops) -> FloatArray:
-        """Return axes W of L, (n, r): a change W w changes Phi by |w| relative to itself, as a root mean square."""
+        """Return axes W of L, (n, r): a change W w changes Phi by |w| relative to itself, as a root mean square.
+
+        Phi is the closed loop of a gain L at all frequencies and plants, of which W are the singular directions,
+        scaled. Directions that single precision does not resolve are left out.
+        """
         relative = self.family.coarse.phi / loops.phi_coarse[..., None]
         flat = relative.reshape(-1, relative.shape[-1])
         parts = np.concatenate([flat.real, flat.imag])
@@ -132,7 +140,11 @@ class TrustRegion:
         return np.asarray(axes[resolved].T / scale[:, None] * np.sqrt(len(flat)) / values[resolved])
 
     def _step(self, loops: LawLoops, axes: FloatArray, reach: float) -> TrustStep | None:
-        """Minimise the linearised merit over w, L + W w; None where the solver's answer does not hold."""
+        """Return the change W w of the gain L that minimises the linearised merit within the reach.
+
+        Each column of the axes W changes Phi, the closed loop, by 1 relative to itself (root mean square). None where
+        the solver's answer does not hold.
+        """
         program = _QuadraticProgram(axes, self.conditions, reach)
         program.require(self.objective.linearised(loops))
         for place, condition in enumerate(self.conditions):
@@ -152,6 +164,10 @@ class _QuadraticProgram:
     SOLVER_TOLERANCE = 1e-10  # DAQP's own, 1e-6, counts in rows that it scales by the curvature: 1e-3 in ours
 
     def __init__(self, axes: FloatArray, conditions: tuple[Condition, ...], reach: float) -> None:
+        """Begin a program over w, |w_i| up to the reach, by which the gain L changes as W w, W the axes.
+
+        Further variables are the impedance error, and what each of the conditions misses.
+        """
         self._axes = axes
         self._reach = reach
         self._directions = axes.shape[1]
@@ -160,7 +176,7 @@ class _QuadraticProgram:
         self._most: list[FloatArray] = []
 
     def require(self, values: Linearised, condition: int | None = None) -> None:
-        """Require values + rows @ change to be at most what the condition misses, or the error."""
+        """Require values + rows @ (change of L) to be at most the error, or what the condition of a number misses."""
         rows = np.zeros((len(values.values), self._directions + len(self._weights)))
         rows[:, : self._directions] = values.rows @ self._axes
         rows[:, self._directions + (0 if condition is None else 1 + condition)] = -1.0
@@ -175,7 +191,7 @@ class _QuadraticProgram:
         self._most.append(np.full(len(padded), self._reach))
 
     def solved(self) -> TrustStep | None:
-        """Return the step, once its rows are checked."""
+        """Return the step of L that minimises error + sum of weight x miss; None where the answer breaks a row."""
         rows, most = np.concatenate(self._rows), np.concatenate(self._most)
         misses = len(self._weights) - 1
         upper = np.concatenate(
@@ -226,13 +242,13 @@ _ACTIVE = 1e-7  # what a row may miss of its limit and still count as active
 def _polished(
     solution: FloatArray, slope: FloatArray, rows: FloatArray, most: FloatArray, lower: FloatArray, upper: FloatArray
 ) -> FloatArray:
-    """Return the solution with all its digits.
+    """Return the solution x of the quadratic program with all its digits, by the equations of its active rows A x = b.
 
-    It solves the optimality conditions of the active rows, with their multipliers y:
+    With their multipliers y, the curvature c and the slope s these are
 
         c x + s + A' y = 0,   A x = b
 
-    DAQP leaves 1e-9 of it, which thirty steps turn into other laws on other processors.
+    DAQP leaves 1e-9 of them, which thirty steps turn into other laws on other processors.
     """
     if not np.isfinite(solution).all():
         return solution

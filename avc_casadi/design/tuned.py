@@ -80,7 +80,11 @@ def tuned_margin(problem: Problem) -> float:
 
 
 def tune_static(problem: Problem, *, draws: int = 32, raises: int = 8, progress: Progress = SILENT) -> StaticTuned:
-    """Tune constant gains for the problem's set of hands, in its structure, gain box, frequencies and scene."""
+    """Return the constant gains of least error with which every hand of the problem's set comes to rest in its scene.
+
+    The gains are linearly stable with a reserve of device damping, which is raised by half, up to ``raises`` times,
+    where some hand does not rest. Hands are the corners of [hands] and ``draws`` drawn ones.
+    """
     kinds = {effect.kind for effect in scene_effects(problem)}
     if "hand" not in kinds:
         raise UnsupportedError(
@@ -124,7 +128,7 @@ def _rested(problem: Problem, hands: Hand, gains: Gains, frictions: tuple[bool, 
 
 
 def _rms_error(problem: Problem, gains: Gains) -> float:
-    """Return the root mean square of the relative error of constant gains over the problem's frequencies."""
+    """Return the root mean square over the frequencies of the relative error of the impedance of constant gains."""
     loop = loop_at(problem, problem.frequencies_hz())
     realism = problem.realism
     perceived = loop.perceived(gains.damping_ns_per_m, gains.stiffness_n_per_m, gains.contact_damping_ns_per_m)
@@ -141,7 +145,11 @@ def solve_static_tuned(problem: Problem, *, progress: Progress = SILENT) -> Gain
 
 
 def tuning_problem(problem: Problem, structure: Structure, margin_ns_per_m: float | None = None) -> Problem:
-    """Return the problem of tuned designs: goal without sampling, all training hands with a reserve, the whole band."""
+    """Return the problem of tuned designs: goal without sampling, all training hands with a reserve, the whole band.
+
+    The goal is the wall with the damping b_e + k_e T/2, which makes up for what sampling takes. `margin_ns_per_m` is
+    the reserve of device damping; None takes that of `tuned_margin`.
+    """
     device = problem.device
     wall = problem.environment
     # The goal is rendered without sampling: its damping makes up for the k_e T/2 that sampling takes.

@@ -16,23 +16,10 @@ from avc_casadi._util.page import Worded
 from avc_casadi._util.progress import UNSEEN_STAGES, Stages
 from avc_casadi.loops.engine import ToolLoops
 from avc_casadi.loops.follower import FollowerLoops
-from avc_casadi.loops.loop_family import LoopFamily, Loops, WithGainMargin
+from avc_casadi.loops.loop_family import LoopFamily, Loops, PairMargins, WithGainMargin
 from avc_casadi.model.ends import End, Follower, Simulation, ToolGains, not_known
 from avc_casadi.model.hands import Hand
 from avc_casadi.model.problem import Problem
-
-
-@dataclass(frozen=True)
-class PairMargins:
-    """Gain margins of a spring and damper to another end than a wall.
-
-    Attributes:
-        gain_margin: of K and B at both ends.
-        motor_margins: of the device's motor alone, and of the follower's.
-    """
-
-    gain_margin: float
-    motor_margins: tuple[float, ...]
 
 
 @dataclass(frozen=True)
@@ -63,6 +50,10 @@ class ToolSearchOptions:
     local_ratios: tuple[float, ...] = (0.1, 0.2, 0.35, 0.5, 0.7, 1.0)
 
 
+CouplingOfDamperAndSpring = Callable[[float, float], ToolGains]
+"""Makes a coupling of a damper B, N.s/m, and a spring K, N/m."""
+CouplingOfSpring = Callable[[float], ToolGains]
+"""The same of a spring K alone, with a given damper."""
 DEFAULT_OPTIONS = ToolSearchOptions()
 WIDEST_MARGIN = 4.0
 """Upper limit of the gain margins that are searched."""
@@ -114,7 +105,10 @@ class Scale:
 
     @classmethod
     def of(cls, problem: Problem, slow_s: float) -> Scale:
-        """Return the scales of a problem's device, with its lightest hand where it has no mass."""
+        """Return the scales of a problem's device, with its lightest hand where it has no mass.
+
+        `slow_s` is the slowest time of the loop, which counts as a sample of the device at least.
+        """
         device = problem.device
         lightest = device.mass_kg if device.range.mass_kg is None else device.range.mass_kg[0]
         mass = lightest or max(problem.hands.mass_kg[0], _SMALLEST_MASS_KG)
@@ -171,7 +165,11 @@ class CouplingSearch:
         return self._summit(lambda b, k: ToolGains(k, b, local_damping_ns_per_m))
 
     def stiffest_beside_local_damper(self) -> ToolGains:
-        """Return the stiffest K, with its B, where the local loop damps the released device up to critically."""
+        """Return the stiffest stable K, with its B, where a damper of the device's own loop damps the released device.
+
+        The local damper gives the released device on K a damping ratio of `options.local_ratios`; the best ratio is
+        taken.
+        """
 
         def stiffest_with_ratio(ratio: float) -> ToolGains:
             return self._summit(lambda b, k: ToolGains(k, b, self._local(k, ratio)))
@@ -186,7 +184,10 @@ class CouplingSearch:
         return max(0.0, ratio * critical - self.scale.damping_ns_per_m)
 
     def stiffest_with_margin(self, limit: ToolGains, gain_margin: float, *, local: bool) -> float:
-        """Return the stiffest K that has a gain margin with some B; 0 where none has."""
+        """Return the stiffest K, N/m, that has a gain margin with some B; 0 where none has.
+
+        It is that of `limit`, the stiffest stable coupling, over the margin, or else is searched.
+        """
         judge = self._with(gain_margin)
         below = limit.times(1 / gain_margin)
         if below.stiffness_n_per_m > 0 and judge.stable(below) and not judge.has_counterexample(below):
@@ -195,8 +196,11 @@ class CouplingSearch:
         search = CouplingSearch(judge, self.scale, replace(self.options, dampers=self.options.dampers // 2 + 1))
         return (search.stiffest_beside_local_damper() if local else search.stiffest()).stiffness_n_per_m
 
-    def _summit(self, gains: Callable[[float, float], ToolGains]) -> ToolGains:
-        """Return the gains of a damper and a spring with the stiffest K that no search of the ranges refutes."""
+    def _summit(self, gains: CouplingOfDamperAndSpring) -> ToolGains:
+        """Return the coupling with the stiffest K over all dampers that no search of the ranges refutes.
+
+        Each refutation adds its loop to those that are judged, and the limits of the dampers are lowered.
+        """
         limits: list[float] = []
         for _ in range(_SEARCHES):
             limits = self._lowered(gains, limits) if limits else self._limits(gains)
@@ -210,16 +214,19 @@ class CouplingSearch:
         softer = (replace(summit, stiffness_n_per_m=share * summit.stiffness_n_per_m) for share in _SOFTER)
         return any(self.loops.has_counterexample(coupling) for coupling in softer)
 
-    def _limits(self, gains: Callable[[float, float], ToolGains]) -> list[float]:
-        """Return roughly the stiffest stable K of each damper."""
+    def _limits(self, gains: CouplingOfDamperAndSpring) -> list[float]:
+        """Return roughly the stiffest stable K, N/m, with each of the dampers B, in their order."""
         limits: list[float] = []
         for damping in self.dampers_ns_per_m.tolist():
             before = limits[-1] if limits else 0.0
             limits.append(self._followed(partial(gains, damping), before, self.stiffest_n_per_m))
         return limits
 
-    def _lowered(self, gains: Callable[[float, float], ToolGains], before: list[float]) -> list[float]:
-        """Return the limits where loops were added; those that stay below a hump are left as they were."""
+    def _lowered(self, gains: CouplingOfDamperAndSpring, before: list[float]) -> list[float]:
+        """Return the limits of K with each damper B after loops were added, from those `before`, N/m.
+
+        The highest come first; those below half of the top, which no hump reaches, are left as they were.
+        """
         limits = before.copy()
         top = 0.0
         for place in sorted(range(len(before)), key=lambda place: -before[place]):
@@ -230,8 +237,8 @@ class CouplingSearch:
             top = max(top, limits[place])
         return limits
 
-    def _top(self, gains: Callable[[float, float], ToolGains], limits: list[float]) -> ToolGains:
-        """Return the gains with the stiffest stable K: every hump of the limit is refined."""
+    def _top(self, gains: CouplingOfDamperAndSpring, limits: list[float]) -> ToolGains:
+        """Return the coupling with the stiffest stable K: each hump of the limits of K over the dampers is refined."""
         dampers = self.dampers_ns_per_m.tolist()
         least = _HUMP * max(limits)
         lower = [0.0, *limits[:-1]]
@@ -251,9 +258,9 @@ class CouplingSearch:
         return best
 
     def _refined(
-        self, gains: Callable[[float, float], ToolGains], damping_ns_per_m: float, limit_n_per_m: float
+        self, gains: CouplingOfDamperAndSpring, damping_ns_per_m: float, limit_n_per_m: float
     ) -> list[tuple[float, float]]:
-        """Return limits with their dampers, from one damper to its neighbours on both sides."""
+        """Return stiffest K, N/m, with dampers B, N.s/m, between the neighbours of a damper, by a search over ln B."""
         from scipy.optimize import minimize_scalar  # noqa: PLC0415 - as long as all that `avc check` needs
 
         fine = 1 + self.options.precision
@@ -276,7 +283,10 @@ class CouplingSearch:
         return limits
 
     def damped(self, stiffness_n_per_m: float, *, local: bool = False, gain_margin: float = 1.0) -> list[ToolGains]:
-        """Return K with dampers to try: that of best damping ratio, lighter ones of half of it, the heaviest."""
+        """Return K with dampers to try: the best damping ratio, lighter ones of half and a quarter of it, the heaviest.
+
+        All have the gain margin, if any has; otherwise the one of the largest margin is returned.
+        """
         # A light one transmits less of the encoder's steps. In a contact that rings by itself all are equally good:
         # there the heaviest damps the other modes.
         stable = list(filter(self.deployable.stable, self._tried(stiffness_n_per_m, local=local)))
@@ -299,7 +309,10 @@ class CouplingSearch:
         return list(dict.fromkeys((best, lightest_of_half, lightest_of_quarter, heaviest)))
 
     def held(self, stiffness_n_per_m: float, *, local: bool = False, inside: bool = True) -> ToolGains | None:
-        """Return gains of this K with which every loop, at corners or inside too, has its least margins, or None."""
+        """Return a coupling of this K with which every loop has its least margins; None where no damper gives one.
+
+        `local` lets a damper act in the device's own loop; `inside` searches the ranges between their corners too.
+        """
         couplings = self._tried(stiffness_n_per_m, local=local)
         middle_first = sorted(range(len(couplings)), key=lambda place: abs(place - len(couplings) / 2))
         for place in middle_first:
@@ -376,12 +389,15 @@ class CouplingSearch:
         largest_divisor = edge(lambda divisor: stable(start / divisor), 1.0, start / (_LIGHTEST_LOCAL * top), fine)
         return start / largest_divisor, most
 
-    def _edge(self, gains: Callable[[float], ToolGains], low: float, high: float, precision: float = _ROUGH) -> float:
+    def _edge(self, gains: CouplingOfSpring, low: float, high: float, precision: float = _ROUGH) -> float:
         """Return the largest stable K between a stable one and a larger one."""
         return edge(lambda k: self.loops.stable(gains(k)), low, high, precision)
 
-    def _followed(self, gains: Callable[[float], ToolGains], before_n_per_m: float, most_n_per_m: float) -> float:
-        """Return roughly the largest K up to which softer ones are stable, from the limit with the damper before."""
+    def _followed(self, gains: CouplingOfSpring, before_n_per_m: float, most_n_per_m: float) -> float:
+        """Return roughly the largest K, N/m, up to which all softer ones are stable; 0 where even the softest is not.
+
+        It climbs by shares of the limit with the damper before, `before_n_per_m`, up to `most_n_per_m`.
+        """
         low = self._softest_n_per_m
         if not self.loops.stable(gains(low)):
             return 0.0
@@ -393,8 +409,8 @@ class CouplingSearch:
                 low = high
         return self._edge(gains, low, most_n_per_m)
 
-    def _limit(self, gains: Callable[[float], ToolGains], near: float, precision: float) -> float:
-        """Return the largest stable K near an initial guess, 0 where there is none."""
+    def _limit(self, gains: CouplingOfSpring, near: float, precision: float) -> float:
+        """Return the largest stable K, N/m, near an initial guess, to a relative precision; 0 where none is stable."""
         low = near
         while not self.loops.stable(gains(low)):
             low /= _BACK_OFF
@@ -403,8 +419,8 @@ class CouplingSearch:
         high = near if low < near else self.stiffest_n_per_m
         return self._edge(gains, low, high, precision)
 
-    def _without_gaps(self, gains: Callable[[float], ToolGains], limit: float) -> ToolGains:
-        """Return the gains at a limit, or below a gap in which a softer coupling is unstable with the same dampers."""
+    def _without_gaps(self, gains: CouplingOfSpring, limit: float) -> ToolGains:
+        """Return the coupling at a limit of K, N/m, or below a gap where a softer one is unstable with its dampers."""
         count = math.ceil(math.log(_GAP_REACH) / math.log(_GAP_STEP))
         softer = (limit * np.geomspace(1 / _GAP_REACH, 1.0, count + 1)).tolist()
         if not self.loops.stable(gains(softer[0])):
@@ -498,7 +514,10 @@ class ToolSearch(EndSearch):
 
     @cached_property
     def limit(self) -> tuple[ToolGains, bool]:
-        """The stiffest that is stable, and whether a damper of the device's loop belongs to it."""
+        """The stiffest that is stable, and whether a damper of the device's own loop belongs to it.
+
+        It belongs to it where the exchange needs one, or the wanted stiffness is not reached without.
+        """
         if self.damped_locally:
             return self.stiffest_beside_local_damper(), True
         stiffest = self.stiffest()
@@ -554,7 +573,10 @@ def _dampers(gains: ToolGains) -> float:
 
 
 def edge(stable: Callable[[float], bool], low: float, high: float, precision: float) -> float:
-    """Return the stability limit between a stable value and a larger one, bisected in the logarithm."""
+    """Return the limit between a stable value `low` and a larger one, to a ratio `precision`, bisected in logarithm.
+
+    It doubles from `low` until a value is not `stable`; without any up to `high`, it is `high`.
+    """
     while low < high:
         after = min(2 * low, high)
         if not stable(after):

@@ -74,7 +74,11 @@ class Swing:
         return min(self.last_rad, logarithm / self.damping_ratio if self.damping_ratio else math.inf)
 
     def knots_n_per_m(self, low_n_per_m: float, high_n_per_m: float) -> FloatArray:
-        """Return stiffnesses in increasing order, from the softest to the stiffest contact of a range above 0."""
+        """Return stiffnesses of contacts at which loops are looked at, N/m, from one end of a range to the other.
+
+        A mass m on a contact k swings by the angle sqrt(k/m) T in a period T of the loop, which is how the loop depends
+        on k: the knots lie evenly in that angle, and by decades where it is small or past its end.
+        """
         first = self.angle_rad(low_n_per_m)
         last = self.angle_rad(high_n_per_m)
         end = self._end_rad
@@ -92,7 +96,10 @@ class Swing:
         return np.asarray(knots)
 
     def _turns(self, end_rad: float, number: int) -> FloatArray:
-        """Return angles over turns up to an end: all of the first ones from a number on, then each second power."""
+        """Return angles of a swing in a sample, rad, from a number of turns to an end, that cover all bands.
+
+        The first `CONSECUTIVE_TURNS` turns follow each other, then their numbers double.
+        """
         turn = 2 * math.pi
         count = max(_LEAST_KNOTS_PER_TURN, math.ceil(KNOTS_PER_BAND * (self.late_samples + 1)))
         parts = np.arange(self.looks) * turn / self.looks

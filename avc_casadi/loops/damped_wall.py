@@ -51,7 +51,10 @@ class Ringing:
 
 
 def ringing(family: PlantFamily, stiffness_n_per_m: float, damping_ns_per_m: float) -> Ringing:
-    """Return how a spring and damper settle."""
+    """Return damper, least damping ratio and settling time, s, of a spring and damper with the worst device and hand.
+
+    The settling time is ln(band)/ln(r) samples, r the spectral radius of the loop in contact.
+    """
     loops = in_contact(family.devices, family.hands, stiffness_n_per_m, damping_ns_per_m)
     radius = float(loops.radius.max())
     samples = math.log(SETTLING_BAND) / math.log(radius) if 0 < radius < 1 else math.inf

@@ -106,7 +106,10 @@ def clock_ranges(step_s: Interval, sample_time_s: float, *, beats: bool = False)
 
 
 def _step_lengths(shortest: float, longest: float, *, beats: bool) -> list[Fraction]:
-    """Return the lengths of a step, in samples, whose patterns stand for all, in increasing order."""
+    """Return the lengths of an engine's step, in samples of the device, whose patterns stand for all, increasing.
+
+    With `beats` lengths that are almost whole join, in which the phase of step and sample drifts slowly.
+    """
     number = max(math.floor(shortest), 1)
     most = math.ceil(longest)
     lengths = {Fraction(most)}
@@ -123,6 +126,7 @@ def _step_lengths(shortest: float, longest: float, *, beats: bool) -> list[Fract
 
 
 def _clock(period: Fraction, phase: Fraction, step_s: float) -> StepTiming:
+    """Return when an engine steps among the samples of the device: every `period` samples, the first at `phase`."""
     times = [step * period + phase for step in range(period.denominator + 1)]
     # A step at a sample precedes the force of that sample; one between two samples takes effect at the later one.
     first = [math.ceil(time) for time in times]
@@ -160,7 +164,10 @@ class EngineLoop:
         return Loop(plant=self.body.size, positions=2, tool=2, queue=self._wide * (1 + self.engine.queued))
 
     def closed(self, gains: ToolGains) -> ClosedLoops:
-        """Return the loops over one period, shape (tools, ...), or () of each tool and body."""
+        """Return the closed loops over one period of device and engine, shape (tools, ...), () of each tool and body.
+
+        A period is the product of the maps of its events: samples of the device, and steps of the engine.
+        """
         sample = self.sample(gains)
         steps = {late: self.step(gains, late=late) for late in set(self.clock.late)}
         order = list(zip(self.clock.samples, self.clock.late, strict=True))
@@ -175,7 +182,10 @@ class EngineLoop:
         return ClosedLoops(period([events[event] for event in order]), self.loop.rests(device, tool))
 
     def force_per_metre(self, gains: ToolGains, frequency_hz: float) -> complex:
-        """Return the force that the loop commands per metre of oscillation of a driven device, N/m."""
+        """Return the force that the loop commands per metre of oscillation of a driven device, N/m, complex.
+
+        The device moves as a sine of `frequency_hz`; forces at the samples of a period are averaged at that frequency.
+        """
         turn = turn_of(frequency_hz, self.body.sample_time_s)
         driven = replace(self, body=Body.motion_source(self.body.sample_time_s, turn))
         sample = driven.sample(gains)
@@ -195,7 +205,7 @@ class EngineLoop:
 
     @cached_property
     def _of_tools(self) -> _Tools:
-        """The tools along the first axis, before those of the body."""
+        """The mass, drag and contact of each tool, along the first axis; a fixed tool is marked as not free."""
         axes = (len(self.tools), *(1,) * max(self.body.a.ndim - 2, 1))
 
         def column(value: Callable[[ToolState], float], fixed: float = 0.0) -> FloatArray:
@@ -221,7 +231,11 @@ class EngineLoop:
         return now, (now - last) / self.body.sample_time_s
 
     def force(self, gains: ToolGains) -> Rows:
-        """Return the force commanded by the device's loop."""
+        """Return the commanded force as a row over the states: K (x - y) + B (v - w) + b v, positive against +x.
+
+        x and v are position and velocity of the device, y and w those of the tool that came last, b the damper of the
+        device's own loop. Where the engine sends the force of K and B instead, that is taken.
+        """
         x, v = self._samples(late=False)
         oldest = self.loop["queue"][-self._wide :]
         if self._wide == 1:
@@ -238,7 +252,12 @@ class EngineLoop:
         return loop.event(plant=plant, positions=positions)
 
     def step(self, gains: ToolGains, *, late: bool) -> Map:
-        """Return the maps of one step of the engine, shape (tools, ..., size, size)."""
+        """Return the maps of one step of the engine over the states, shape (tools, ..., size, size).
+
+        In each substep the tool moves by the spring K and damper B to the device, its own damper and its contact,
+        integrated as the engine does; then the new state of the tool, or the force on it, is sent. A step that is
+        `late` reads the sample before the device's newest one.
+        """
         loop = self.loop
         x, v = self._samples(late=late)
         place, speed = loop["tool"]
@@ -284,6 +303,10 @@ class ToolLoops(LoopFamily):
     """All loops of a problem with [simulation]: hands, end stop, released, devices, tools, contacts and clocks."""
 
     def __init__(self, problem: Problem, more_hands: Sequence[Hand] = ()) -> None:
+        """Build the loops at all corners: devices, hands and released, tools, contacts, patterns of step and sample.
+
+        Points that a search finds worse than these join them.
+        """
         tool = problem.end_as(Simulation)
         self.tool = tool
         family = PlantFamily.of(problem)
@@ -318,7 +341,7 @@ class ToolLoops(LoopFamily):
         return at_corners + len(self.patterns) - self.corners
 
     def engine_alone_stable(self) -> bool:
-        """Return whether the tool in contact is stable without any coupling, a property of the engine alone."""
+        """Return whether the tool in contact is stable without any coupling, which the engine alone decides."""
         touching = [tool for tool in self.tools if not tool.fixed and tool.contact_stiffness_n_per_m > 0]
         if not touching:
             return True
@@ -341,7 +364,11 @@ def _pattern(engine: EngineLoop, case: Callable[[int], ToolCase]) -> Pattern:
 def _region(
     problem: Problem, plants: Plants, clocked: tuple[StepTiming, Interval], contacts: FloatArray, of_plant: Ranges
 ) -> SearchRegion:
-    """Return the ranges where the pattern and kind of contact are set; a tool that is fixed has no other sides."""
+    """Return the ranges that are searched with one pattern of step and sample and one kind of contact.
+
+    `clocked` are the pattern and the range of the step, s; `contacts` the knots of the contact's stiffness, N/m;
+    `of_plant` the ranges of device and hand. The tool of a fixed end has no ranges.
+    """
     tool = problem.end_as(Simulation)
     clock, step_s = clocked
     contact = (float(contacts[0]), float(contacts[-1]))
@@ -395,7 +422,7 @@ class Plants:
 
 
 def contact_stiffnesses_n_per_m(tool: Simulation) -> list[float]:
-    """Return the contacts that are tried, in the scene: free and rigid, and springs of a range, if it has any."""
+    """Return stiffnesses of the contacts at whose corners a tool is tried, N/m of the scene: 0, springs, rigid."""
     lowest, highest = tool.contact_stiffness_n_per_m
     if tool.constraint:
         return [0.0, RIGID_N_PER_M]
@@ -407,7 +434,10 @@ def contact_stiffnesses_n_per_m(tool: Simulation) -> list[float]:
 
 
 def contact_knots_n_per_m(tool: Simulation) -> list[FloatArray]:
-    """Return the contacts that are searched, in the scene: free, knots of springs, rigid; none moves a fixed tool."""
+    """Return the contacts that are searched, N/m of the scene: no contact, the knots of springs, and a rigid one.
+
+    A tool without mass is fixed, which no contact moves.
+    """
     if tool.tool_mass_kg is None:
         return [np.array([RIGID_N_PER_M])]
     tried = contact_stiffnesses_n_per_m(tool)
@@ -423,7 +453,7 @@ def contact_knots_n_per_m(tool: Simulation) -> list[FloatArray]:
 
 
 def _swing(tool: Simulation) -> Swing:
-    """Return how a tool swings on a contact in the engine, counted by its longest step."""
+    """Return how the lightest tool swings on a contact in the engine's longest step, which decides where knots lie."""
     lightest, heaviest = tool.tool_mass_kg or (math.inf, math.inf)
     dampers = tool.contact_damping_ns_per_m
     exact = tool.integrator == "exact"

@@ -47,7 +47,10 @@ class LinkClock:
 
 
 def link_clocks(leader_s: float, follower_s: float, forth_s: float, back_s: float) -> list[LinkClock]:
-    """Return the distinct patterns of two clocks, of every phase."""
+    """Return the distinct patterns of samples and messages of leader and follower, over all phases of their clocks.
+
+    Sample times and delays there and back are in s. The pattern changes where a message arrives at a sample.
+    """
     ratio = clock_ratio(follower_s / leader_s)
     forth = forth_s / leader_s
     back = back_s / leader_s
@@ -201,7 +204,11 @@ class Link:
         return sent[age], (sent[age] - sent[age + 1]) / sample_time_s
 
     def events(self, gains: ToolGains) -> list[tuple[Map, Rows | None]]:
-        """Return the maps of a period, and the leader's commanded force before each by which its device moves."""
+        """Return the maps of a period in order, and before each the commanded force of the leader as a row, or None.
+
+        At each event one or both sides sample: they take the positions that have arrived, command K (x - y) + B (v - w)
+        + b v, and send their own. The force is None where the leader does not sample.
+        """
         maps: list[tuple[Map, Rows | None]] = []
         leader_samples = 0
         follower_samples = 0
@@ -232,7 +239,12 @@ class Link:
         return loop.event(**sent)
 
     def _pulls(self, gains: ToolGains, leader_age: int, follower_age: int, *, in_step: bool) -> list[Rows]:
-        """Return the force of the coupling on each side, positive against +x, from what it knows of the other side."""
+        """Return the force of K and B on leader and follower as rows, each from what it knows of the other side.
+
+        Positive is against +x. `leader_age` and `follower_age` count by how many samples of the other side what it
+        knows is old; `in_step` says whether both sample at this instant. With position-force the leader gets the
+        follower's own force.
+        """
         k = gains.stiffness_n_per_m
         b = gains.damping_ns_per_m
         x, v = self._samples(0, 0)
@@ -265,6 +277,10 @@ class FollowerLoops(LoopFamily):
     """All loops of a problem with [follower]: hands, end stop, released, environments, both devices, delays, clocks."""
 
     def __init__(self, problem: Problem) -> None:
+        """Build the loops at all corners: hands and released, environments, both devices, delays, phases of the clocks.
+
+        Points that a search finds worse than these join them.
+        """
         follower = problem.end_as(Follower)
         self.follower = follower
         family = PlantFamily.of(problem)
@@ -296,6 +312,8 @@ class FollowerLoops(LoopFamily):
     def _case_of(
         self, leader: Device, follower: Device, delays_s: tuple[float, float]
     ) -> Callable[[int], BilateralCase]:
+        """Return the function from a row of loops, over hands and environments, to its case with these devices."""
+
         def case(row: int) -> BilateralCase:
             hand, environment = np.unravel_index(row, (len(self.hands), len(self.environments_n_per_m)))
             return BilateralCase(
@@ -314,7 +332,7 @@ def _pattern(pair: Link, case: Callable[[int], BilateralCase]) -> Pattern:
 
 
 def _round_trips(problem: Problem) -> list[RoundTrip]:
-    """Return the distinct loops of a problem's link."""
+    """Return the distinct loops of a problem's link: clocks with delays there and back, s, over their ranges."""
     follower = problem.end_as(Follower)
     forth_s, back_s = follower.ways_s
     return round_trips(
@@ -327,7 +345,10 @@ def _round_trips(problem: Problem) -> list[RoundTrip]:
 
 
 def _region(problem: Problem, trip: RoundTrip, contacts: FloatArray, of_leader: Ranges) -> SearchRegion:
-    """Return the ranges where clocks, delays and the kind of contact, in the follower's units, are set."""
+    """Return the ranges that are searched with one pattern of clocks and delays, and one kind of contact.
+
+    `contacts` are knots of the contact's stiffness, N/m of the follower; `of_leader` the ranges of leader and hand.
+    """
     leader = problem.device
     follower = problem.end_as(Follower)
     follower_device = follower.at_leader()
@@ -367,7 +388,10 @@ def _region(problem: Problem, trip: RoundTrip, contacts: FloatArray, of_leader: 
 
 
 def environments(follower: Follower) -> tuple[FloatArray, FloatArray]:
-    """Return stiffness and damping of the follower's environments, in the leader's units: free, springs, rigid."""
+    """Return stiffness and damping of the follower's environments: free, four springs at most, rigid (infinite).
+
+    They are in the leader's units, N/m and N.s/m.
+    """
     low, top = _corner_springs_n_per_m(follower)
     springs = [top] if top > 0 else []
     if low < top:
@@ -394,7 +418,7 @@ def _damper_ns_per_m(follower: Follower, stiffness_n_per_m: float) -> float:
 
 
 def _contacts_n_per_m(problem: Problem) -> list[FloatArray]:
-    """Return the environments that are searched, in the follower's units: free, knots of springs, rigid."""
+    """Return the environments that are searched, N/m of the follower: free, the knots of springs, and rigid."""
     follower = problem.end_as(Follower)
     lowest, highest = follower.contact_stiffness_n_per_m
     swing = _swing(problem)
@@ -408,7 +432,10 @@ def _contacts_n_per_m(problem: Problem) -> list[FloatArray]:
 
 
 def _swing(problem: Problem) -> Swing:
-    """Return how the follower swings on a contact."""
+    """Return how the lightest follower swings on a contact between its samples, which decides where knots lie.
+
+    The time by which forces come late is that of both ways and of both devices' delays.
+    """
     leader = problem.device
     follower = problem.end_as(Follower)
     known = follower.range

@@ -211,7 +211,10 @@ class HandleSide:
         return sampled_drive(devices, [Hand(*(at[row : row + 1] for at in hands)) for row in rows])
 
     def parts(self, hand: Mapping[str, float]) -> tuple[dict[str, float], dict[str, float]]:
-        """Return sums as those of a hand and of a contact: both as far into their ranges as the sum is into its own."""
+        """Return mass, damping and stiffness of a hand and of a contact whose sums are those of a `hand`.
+
+        Both are as far into their ranges as the sum is into its own.
+        """
         of_hand, of_contact = {}, {}
         for key, own, contact in zip(_CARRIED, self.hand, self.contact, strict=True):
             low, high = self.carried[key]

@@ -72,7 +72,11 @@ class JointLoops:
 
     @cached_property
     def maps(self) -> FloatArray:
-        """The maps over a step, shape (m, size, size)."""
+        """The maps of a joint over one step of its engine, shape (m, size, size).
+
+        States: position and velocity, the position a step before if the velocity is a difference, and the forces under
+        way. The force is -(kp position + kd velocity), of which an implicit engine solves a part.
+        """
         loop = self.loop
         values = {name: value[:, None] for name, value in self.places.items()}
         t = values["step_s"] / self.engine.substeps
@@ -140,6 +144,10 @@ class JointFamily:
     """A joint with the ranges of its mass, damping, step and contact: free, and on every declared spring."""
 
     def __init__(self, engine: Simulation) -> None:
+        """Set up the ranges of a joint, free and on the springs that it may touch, and the joints at their corners.
+
+        A rigid contact stops the joint, so that it moves in none.
+        """
         assert engine.tool_mass_kg is not None  # noqa: S101 - a joint has one
         self.engine = engine
         free = {
@@ -160,7 +168,10 @@ class JointFamily:
         self.places: Places = {key: np.concatenate([places[key] for places in of_boxes]) for key in KEYS}
 
     def _joints(self, box: Box, shares: FloatArray) -> Places:
-        """Return joints at points of a box; a contact without a damper of its own is damped critically."""
+        """Return mass, damping, step and contact of joints at shares of a box of ranges, each of shape (m,).
+
+        A contact without a damper of its own is damped critically, 2 sqrt(k m).
+        """
         values = box.values(shares)
         stiffness = values.get("contact_stiffness_n_per_m", np.zeros(shares.shape[1]))
         critical = 2 * np.sqrt(stiffness * values["mass_kg"])
@@ -212,7 +223,7 @@ class JointFamily:
         return last
 
     def damping_ratio(self, gains: JointGains) -> tuple[float, float]:
-        """Return the least damping ratio of the joint where it touches nothing, and its frequency in Hz; or 1 and 0."""
+        """Return the least damping ratio of the joint that touches nothing, and its frequency, Hz; 1 and 0 of none."""
         loops = self.loops(gains)
         ratios = np.where(loops.free, loops.damping_ratios, 1.0)
         place = int(ratios.argmin())
@@ -265,7 +276,10 @@ class JointFamily:
 
 
 def _radius_on_circle(loops: JointLoops, disk: float, phases: ComplexArray = _PHASES) -> FloatArray:
-    """Return the largest spectral radius of each loop with the factors on the circle of a disk on its forces."""
+    """Return the largest spectral radius of each loop with factors f = (1 + d e/2)/(1 - d e/2) on its force, (m,).
+
+    d is the disk margin and e a phase: f runs over the circle of the disk that the force may be wrong by.
+    """
     turned = 0.5 * disk * phases
     factors = np.tile((1 + turned) / (1 - turned), len(loops.places["mass_kg"]))
     places = {key: np.repeat(value, len(phases)) for key, value in loops.places.items()}

@@ -70,7 +70,11 @@ def turn_of(frequency_hz: float, sample_time_s: float) -> complex:
 
 
 def response(events: Sequence[Map], reads: Sequence[Rows | None], turn: complex) -> complex:
-    """Return what is read per unit of the first state, `Body.motion_source`, which turns by a factor at every read."""
+    """Return what is read per unit of a first state that turns by a factor at every read, averaged over a period.
+
+    `events` are the maps of a period, `reads` the row that is read before each or None, and `turn` the factor exp(j
+    omega T) by which `Body.motion_source`, the first state, moves.
+    """
     whole = period(events)
     count = sum(read is not None for read in reads)
     inner = turn**count * np.eye(len(whole) - 1) - whole[1:, 1:]
@@ -98,7 +102,10 @@ class Body:
 
     @classmethod
     def of(cls, plant: SampledPlant) -> Self:
-        """Return a plant's body, leading axes (devices, hands)."""
+        """Return the bodies of a sampled plant, leading axes (devices, hands), with the forces on their way as states.
+
+        Velocities are scaled by T to lengths, which keeps digits.
+        """
         a, b = plant.with_forces_under_way()
         scale = np.ones(b.shape[-1])
         scale[: len(plant.names)] = [plant.sample_time_s if state.endswith("_per_s") else 1.0 for state in plant.names]

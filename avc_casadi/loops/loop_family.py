@@ -112,6 +112,10 @@ class LoopFamily:
     """Loops, of one or several patterns, that a coupling must stabilise: corners of all ranges and points inside."""
 
     def __init__(self, patterns: Sequence[Pattern], regions: Sequence[SearchRegion], motors: int = 1) -> None:
+        """Keep the loops at the corners of all ranges, and the regions in which others are searched.
+
+        `motors` counts the motors whose force may be wrong.
+        """
         self.patterns = list(patterns)
         self.corners = len(patterns)
         self.motors = motors
@@ -160,7 +164,7 @@ class LoopFamily:
         return self.stable(gains) and not self.has_counterexample(gains, stages)
 
     def stable(self, gains: ToolGains) -> bool:
-        """Return whether every loop so far is stable; loops that failed before are checked first."""
+        """Return whether every loop so far, of corners and of searches, is stable; those that failed come first."""
         for place, rows in self._few.items():
             if not np.abs(self.eigenvalues(place, gains, rows)).max() < 1 - TOLERANCE:
                 return False
@@ -171,7 +175,7 @@ class LoopFamily:
         return False
 
     def worst(self, gains: ToolGains) -> tuple[int, int, float]:
-        """Return pattern and row of the fastest growing loop, and its spectral radius over a period."""
+        """Return pattern and row of the loop of the largest ln(radius)/period, and its spectral radius of a period."""
         worst = []
         for place, pattern in enumerate(self.patterns):
             values = np.abs(self.eigenvalues(place, gains)).max(axis=-1)
@@ -181,7 +185,11 @@ class LoopFamily:
         return place, row, radius
 
     def slowest(self, gains: ToolGains) -> LeastDampedMode:
-        """Return the least damped oscillatory mode of all loops, above `_SLOWEST_HZ`."""
+        """Return damping ratio, frequency and time constant of the least damped oscillation of all loops.
+
+        Of an eigenvalue z over a period p, s = ln(z)/p, the ratio is -Re s/|s|. Modes slower than `_SLOWEST_HZ` do not
+        count.
+        """
         rates = []
         for place, pattern in enumerate(self.patterns):
             values = self.eigenvalues(place, gains)
@@ -213,6 +221,19 @@ class LoopFamily:
                 last = (gains, self.patterns[place].closed(gains).relative)
             self._last[place] = last
         return last[1] if rows is None else last[1][rows]
+
+
+@dataclass(frozen=True)
+class PairMargins:
+    """Gain margins of a spring and damper to another end than a wall.
+
+    Attributes:
+        gain_margin: of K and B at both ends.
+        motor_margins: of the device's motor alone, and of the follower's.
+    """
+
+    gain_margin: float
+    motor_margins: tuple[float, ...]
 
 
 @dataclass(frozen=True)

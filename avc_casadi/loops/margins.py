@@ -92,7 +92,7 @@ class OpenLoop:
 
     @classmethod
     def of_bodies(cls, body: Body, law: Law) -> Self:
-        """Return the loops of h bodies with a law, or each with its own."""
+        """Return the loops of h bodies (device and hand, sampled) with one law, or each with its own."""
         loops = closed(body, law)
         moving = np.array([name.endswith("velocity_m_per_s") for name in body.names])
         return cls(
@@ -108,7 +108,10 @@ class OpenLoop:
         return self.closed.poles
 
     def gain(self, turn: FloatArray, loops: IndexArray | slice = slice(None)) -> ComplexArray:
-        """Return L of some of the loops at z = exp(j turn)."""
+        """Return the loop L = -C(z) P(z), C the law and P the plant, at z = exp(j turn), shape (loops, turns).
+
+        `turn` is omega T, rad a sample; without poles of its own L is dimensionless: 1 + L = 0 is the stability limit.
+        """
         body = self.body.axes(loops)
         angles = np.broadcast_to(turn, (len(body.a), np.shape(turn)[-1]))
         z = np.exp(1j * angles)
@@ -140,7 +143,10 @@ class OpenLoop:
         return np.asarray(self.body.output_row @ state[:, : self.body.size, :points])
 
     def settling_s(self) -> FloatArray:
-        """Return the time from an impact until the depth stays within `SETTLING_BAND` of its largest, shape (h,)."""
+        """Return the time from an impact until the depth stays within `SETTLING_BAND` of its largest, s, shape (h,).
+
+        The device begins at 1 m/s; the response is looked at until its slowest mode has died. Infinite where unstable.
+        """
         slowest = np.maximum(self.closed.radius, 1e-9)
         settling_s = np.full(slowest.shape, np.inf)
         for row in np.flatnonzero(slowest < 1):
@@ -155,7 +161,11 @@ class OpenLoop:
         return self.least(slice(-1, None)), self.least(slice(-1))
 
     def least(self, chosen: slice = slice(None)) -> Margins:
-        """Return the smallest margins of some of the loops, or of all."""
+        """Return the smallest gain, phase, delay and disk margins of some of the loops, with their frequencies.
+
+        They are read where L, the loop broken at the actuator, becomes real or of size 1; 1 and 0 where a loop is
+        unstable.
+        """
         loops = np.arange(len(self.body.a))[chosen]
         if np.abs(self.poles[loops]).max() >= 1:
             return Margins(1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -183,7 +193,10 @@ class OpenLoop:
         return 2 / float(self.swings().max()) if self.closed.radius.max() < 1 else 0.0
 
     def swings(self) -> FloatArray:
-        """Return the largest |(1 - L)/(1 + L)| of each loop on angles dense at its own poles, shape (h,)."""
+        """Return the largest |(1 - L)/(1 + L)| of each loop L on angles dense at its own poles, shape (h,).
+
+        The disk margin is 2 over it.
+        """
         # Of a pair of conjugate poles one has the angles of both.
         upper = np.argsort(-self.poles.imag, axis=1)[:, : int((self.poles.imag >= 0).sum(axis=1).max())]
         poles = np.take_along_axis(self.poles, upper, axis=1)
@@ -194,7 +207,10 @@ class OpenLoop:
         return np.asarray(swing(self.gain(angles)).max(axis=1))
 
     def _disk(self, loops: IndexArray, turn: FloatArray, gain: ComplexArray) -> tuple[float, float]:
-        """Return the smallest disk margin of some loops and its angle, from their L at angles."""
+        """Return the smallest disk margin 2/max |(1 - L)/(1 + L)| of some loops and its angle, rad a sample.
+
+        `gain` is L of the loops at the angles `turn`; the highest peaks are refined.
+        """
         size = swing(gain)
         neighbours = np.pad(size, ((0, 0), (1, 1)), constant_values=-np.inf)
         size[(size < neighbours[:, :-2]) | (size < neighbours[:, 2:])] = -np.inf
@@ -238,7 +254,7 @@ class OpenLoop:
         )
 
     def _crossings(self, real: BoolArray, loops: IndexArray, low: FloatArray, high: FloatArray) -> _Crossings:
-        """Return where between two angles L of a loop becomes real, or of size 1."""
+        """Return the angles between `low` and `high` at which L becomes real, where so marked, else of size 1."""
         if not len(loops):
             return _Crossings(low, np.empty(0, dtype=np.complex128), real)
 
@@ -295,7 +311,7 @@ def damping_ratios(poles: ComplexArray) -> FloatArray:
 
 
 def transients(coupling: Coupling) -> tuple[Transient, Transient]:
-    """Return the transients of the device in contact: released, and with the worst corner of the hands."""
+    """Return settling time, damping ratio and its frequency of the device in contact: released, and the worst hand."""
     loop = OpenLoop.of(coupling)
     settling_s = loop.settling_s()
     ratios = damping_ratios(loop.poles)

@@ -162,7 +162,11 @@ class PlantFamily:
         return sampled_plant([device for device, _ in pairs], [hand for _, hand in pairs])
 
     def worst_case(self, measure: Measure, **more: tuple[float, float]) -> WorstCase:
-        """Return where in the ranges of hand, device and more a measure is largest, by a search of them all."""
+        """Return where in the ranges of device, hand and more a measure of the loop is largest, by a search of all.
+
+        `measure` takes sampled plants at m points, and the values there, to complex numbers whose size counts; `more`
+        names further ranges, as of a sector.
+        """
         box = Box({**self.box, **more})
 
         def of_places(places: FloatArray) -> ComplexArray:

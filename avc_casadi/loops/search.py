@@ -62,7 +62,10 @@ class Box:
         return tuple(max(len(self.knots.get(name, ())) - 1, 1) for name in self.sides)
 
     def values(self, places: FloatArray) -> dict[str, FloatArray]:
-        """Return the values at places (sides, m), each of shape (m,)."""
+        """Return the values of each range at places of the box, (sides, m) in cells from 0 on, each of shape (m,).
+
+        A range above 0 that spans more than a factor of 3, or has knots, is interpolated in its logarithm.
+        """
         shares = dict(zip(self.sides, places, strict=True))
         values = {}
         for name, (low, high) in self.ranges.items():
@@ -83,7 +86,10 @@ class Box:
 
 
 def corners_and_knots(cells: Sequence[int], draws: int) -> FloatArray:
-    """Return corners (sides, m) of a box, at most 64, and each knot, with drawn corners of the other sides."""
+    """Return places (sides, m) of a box: its corners, 64 at most, and each knot with drawn corners of the other sides.
+
+    `cells` is the number of cells of each side, `draws` that of the corners that are drawn at each knot.
+    """
     sides = len(cells)
     top = np.array(cells, dtype=np.float64)[:, None]
     corners = np.random.default_rng(0).integers(0, 2, (sides, 64)).astype(np.float64)
@@ -99,7 +105,10 @@ def corners_and_knots(cells: Sequence[int], draws: int) -> FloatArray:
 
 
 def _everywhere(cells: Sequence[int]) -> FloatArray:
-    """Return places (sides, m) all over a box: corners, knots, edges of one cell, points inside."""
+    """Return places (sides, m) all over a box: corners, knots, edges of one cell, points inside.
+
+    `cells` is the number of cells of each side.
+    """
     sides = len(cells)
     top = np.array(cells, dtype=np.float64)[:, None]
     places = corners_and_knots(cells, KNOT_DRAWS)
@@ -183,7 +192,7 @@ def _lines(place: FloatArray, top: FloatArray) -> FloatArray:
 
 
 def _far_apart(values: FloatArray, places: FloatArray, count: int) -> list[int]:
-    """Return where the largest values are that lie apart, the largest first."""
+    """Return the indices of the `count` largest values whose places (sides, m) differ by a quarter of a cell."""
     chosen: list[int] = []
     left = np.where(np.isnan(values), -np.inf, values)
     while len(chosen) < count and np.isfinite(left).any():
@@ -272,7 +281,10 @@ def _model_top(moves: FloatArray, gains: FloatArray, low: FloatArray, high: Floa
 
 
 def _top_between(slope: FloatArray, bend: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
-    """Return the maximum of slope' x + x' bend x/2 between two bounds, side by side in turn."""
+    """Return x with the largest slope' x + x' bend x/2 between bounds, (sides, m): one side after the other in turn.
+
+    slope is (sides, m), bend (sides, sides, m); a few rounds over the sides are made.
+    """
     sides, m = slope.shape
     step = np.zeros((sides, m))
     for _ in range(_SWEEPS):

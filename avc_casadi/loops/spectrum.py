@@ -32,7 +32,7 @@ _LEAST_TRACE = 1e-5
 
 
 def eigenvalues(matrices: FloatArray) -> ComplexArray:
-    """Return the eigenvalues of matrices, shape (..., s, s), as shape (..., s)."""
+    """Return the eigenvalues of matrices, shape (..., s, s), as shape (..., s); of many by two threads."""
     flat = matrices.reshape(-1, *matrices.shape[-2:])
     # Fewer matrices take less time than starting a thread.
     if len(flat) < 48 or processors() == 1:
@@ -56,7 +56,11 @@ class ClosedLoops:
 
     @cached_property
     def relative(self) -> FloatArray:
-        """The maps with the eigenvalue 1 of each state at which a loop rests deflated (Wielandt), the others kept."""
+        """The maps without the eigenvalue 1 of each state at which a loop rests, (..., s, s); the others are kept.
+
+        Wielandt's deflation: M - v w', v the state of rest and w the row of a position over its entry of v. A map that
+        overflows is replaced by one that is unstable.
+        """
         maps = self.maps
         for rest in self.rests:
             column = rest[..., None]

@@ -120,7 +120,12 @@ class PartialFractions:
 
 
 def fractions(loop: SampledLoop, damping_ns_per_m: Values, stiffness_n_per_m: Values) -> PartialFractions:
-    """Return the partial fractions of coupling and environment in series; gains above `RIGID` are infinite."""
+    """Return the partial fractions of coupling and environment in series, Z_eavc; gains above `RIGID` are infinite.
+
+    With the backward difference a coupling b, k and a wall b_e, k_e of sample time T have one pole rho, 1 - rho = T (k
+    + k_e)/(b + k T + b_e + k_e T); the static part is k k_e/(k + k_e). The paper's model has b_e + k_e T/2 in place of
+    b_e + k_e T.
+    """
     sampled = loop.model == "sampled-data"
     given = (
         damping_ns_per_m,
@@ -203,7 +208,11 @@ def closed(body: Body, law: Law) -> ClosedLoops:
 
 
 def linear_stability(device: Device, law: Law, hands: Hand, progress: Progress = SILENT) -> LinearStability:
-    """Return the spectral radius of each of n laws with each hand, on the device as declared."""
+    """Return the leading pole of the loop of each of n laws with each of h hands, on a device as declared.
+
+    Raises:
+        UnsupportedError: more than `MAX_DELAY_SAMPLES` samples of delay.
+    """
     if device.delay_samples > MAX_DELAY_SAMPLES:
         raise UnsupportedError(
             f"linear stability is computed up to {MAX_DELAY_SAMPLES} samples of delay, not {device.delay_samples}"

@@ -74,7 +74,10 @@ class Stretches:
 def stable_walls(
     corners: Sequence[Device], hands: Hand, damping_ns_per_m: FloatArray, poles: Poles = PLAIN
 ) -> Stretches:
-    """Find the stiffnesses with which a wall is stable with every hand at every corner of a device."""
+    """Return for each damping B, N.s/m, the intervals of stiffness K, N/m, with which a wall K + B v is stable.
+
+    Stable means with every hand at every corner of a device. `poles` are those of the estimator of the velocity v.
+    """
     rows = len(damping_ns_per_m)
     loops = _Curves.of(corners, hands, poles)
     if loops is None:
@@ -109,7 +112,7 @@ class _Curves:
 
     @classmethod
     def of(cls, corners: Sequence[Device], hands: Hand, poles: Poles) -> _Curves | None:
-        """Return every corner with every hand, corner by corner; None if a device with a hand has no mass to move."""
+        """Return the sampled motion of every corner with every hand; None if one of them has no mass to move."""
         h = len(hands)
         plant = plants_of(corners, hands)
         s = len(plant.names)
@@ -143,7 +146,11 @@ class _Curves:
         )
 
     def response(self, angle: FloatArray) -> tuple[ComplexArray, ComplexArray]:
-        """Return L (N/m) and q (1/s) at angles of the cases, shape (cases) or (cases, m)."""
+        """Return L = 1/G (N/m) and q (1/s) at angles theta of the cases, shape (cases) or (cases, m), z = exp(j theta).
+
+        G is the sampled position over the commanded force of device and hand, with its delay, and q = (1 - 1/z)/T
+        behind the estimator's low pass: K + B q = L is the stability limit of a wall.
+        """
         case = (slice(None), *(None,) * (angle.ndim - 1))
         step = np.empty(angle.shape, dtype=np.complex128)
         # z - 1, exact at small angles too.
@@ -169,7 +176,11 @@ class _Curves:
 
 
 def _nodes(loops: _Curves, corners: Sequence[Device], most_damping_ns_per_m: float) -> FloatArray:
-    """Return angles, shape (cases, m), between which B(theta) is monotone."""
+    """Return angles theta, shape (cases, m), between which B(theta) = Im L/Im q of the stability limit is monotone.
+
+    L = 1/G is N/m over the device with hand, q 1/s of the velocity: K + B q = L. Angles are even, dense at poles, added
+    where the phase of L jumps, and where B has an extremum below 8 times the largest damping that is asked for.
+    """
     delay = max(corner.delay_samples for corner in corners)
     # Walls softer than m (theta/T)^2 at the first angle, m the total moving mass, are taken as that one.
     low = np.geomspace(_LOWEST_TURN, 0.1, _LOW_NODES)
@@ -244,7 +255,11 @@ class _Crossings:
 def _crossings(
     loops: _Curves, angle: FloatArray, inverse_imag: FloatArray, damper_imag: FloatArray, damping: FloatArray
 ) -> list[_Crossings]:
-    """Return the crossings between two angles, by pairs, and those at half the sample rate, by single poles."""
+    """Return at which stiffness K poles cross the unit circle for each damping B, and how many leave there.
+
+    Between two angles, where Im(L - B q) changes sign, a pair crosses; at half the sample rate a single pole does.
+    `inverse_imag` is Im L and `damper_imag` Im q at the angles of each case, `damping` the B, N.s/m.
+    """
     above = inverse_imag > damping[:, None, None] * damper_imag
     flips = above[..., 1:] != above[..., :-1]
     row, case, index = np.unravel_index(np.flatnonzero(flips), flips.shape)
@@ -269,7 +284,11 @@ def _crossings(
 def _outside_without_spring(
     loops: _Curves, angle: FloatArray, slope: FloatArray, curve: FloatArray, damping: FloatArray
 ) -> IndexArray:
-    """Return the number of poles of all cases outside the circle at each B, for K just above 0."""
+    """Return how many poles of all cases lie outside the circle at each damping B, for a spring K just above 0.
+
+    They are counted along B: where Im(L/q) changes sign a pair crosses at B = Re(L/q). `slope` is Im(L/q), `curve` Im
+    L/Im q at the angles, `damping` the B, N.s/m.
+    """
     case, index = np.nonzero((slope[:, 1:] > 0) != (slope[:, :-1] > 0))
     crossing = loops.pick(case)
 
@@ -290,7 +309,10 @@ def _outside_without_spring(
 
 
 def _stretches(outside: IndexArray, crossings: _Crossings) -> Stretches:
-    """Return the intervals without poles outside, from the number outside at K = 0 and all crossings."""
+    """Return the intervals of K without poles outside the unit circle, of each damping B.
+
+    `outside` is the number of poles outside at K = 0; each crossing adds those that leave there.
+    """
     positive = crossings.pick(crossings.stiffness > 0)
     ordered = positive.pick(np.lexsort((positive.stiffness, positive.row)))
     # Crossings by row of B, those of fewer filled up to infinity.
@@ -344,7 +366,7 @@ def softest_wall_n_per_m(device: Device) -> float:
 
 
 def stiffest_wall(family: PlantFamily) -> DampingRange:
-    """Return the stiffest wall that is stable with every hand for some damping, to 0.01 %."""
+    """Return the stiffest wall, N/m, that is stable with every hand for some damping, to 0.01 %, and its dampings."""
     stiffest = 0.0
     damping = 0.0
     if family.device.mass_kg + float(np.min(family.hands.mass_kg)) > 0:
@@ -376,7 +398,10 @@ def _scans(family: PlantFamily) -> Iterator[tuple[FloatArray, Stretches]]:
 
 
 def _between_edges(family: PlantFamily, stiffness_n_per_m: float, scan: FloatArray, inside: IndexArray) -> DampingRange:
-    """Return the range of stable dampings, its ends by bisection, from a scan and the stable ones in it."""
+    """Return the range of dampings B, N.s/m, with which a wall of a stiffness is stable, its ends by bisection.
+
+    `scan` are dampings in increasing order, `inside` the places of those that are stable.
+    """
     # Linear in the damping.
     undamped = in_contact(family.devices, family.hands, stiffness_n_per_m, 0.0)
     per_damping = in_contact(family.devices, family.hands, stiffness_n_per_m, 1.0).maps - undamped.maps

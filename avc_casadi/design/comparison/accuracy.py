@@ -67,7 +67,10 @@ class SolverCost:
 
 
 def fastest(costs: Sequence[SolverCost]) -> list[bool]:
-    """Return, for each cost, whether none other is both faster and nearer to the optimum at its worst frequency."""
+    """Return, for each method and solver, whether none other is both faster and nearer to the optimum.
+
+    Near counts at the frequency of its largest error.
+    """
     points = [
         (cost.seconds_per_frequency, np.inf if cost.largest_excess_error is None else cost.largest_excess_error)
         for cost in costs
@@ -148,7 +151,10 @@ def _closed_form(problem: Problem, loop: ImpedanceLoop) -> GainArrays:
 def _cost(
     problem: Problem, loop: ImpedanceLoop, reference: FloatArray, run: Callable[[], GainArrays]
 ) -> dict[str, Any]:
-    """Return the figures of a `SolverCost`."""
+    """Return the fields of a `SolverCost` of a method: median seconds a frequency, and excess errors of its gains.
+
+    ``run`` computes the gains; ``reference`` is the least magnitude error at each frequency, N.s/m.
+    """
     rows = len(reference)
     gains = run()
     # The first run builds the solver; those after it are timed.
@@ -174,7 +180,11 @@ def _cost(
 def _quality(
     problem: Problem, loop: ImpedanceLoop, reference: FloatArray, gains: GainArrays
 ) -> tuple[FloatArray, BoolArray]:
-    """Excess error of each row, not below the rounding of |Z_h_ds|, and whether it passes the checks of `direct`."""
+    """Return the excess magnitude error of each row, over |Z_h_ds|, and whether it passes the checks of `direct`.
+
+    ``reference`` is the least magnitude error |(|Z_h| - |Z_h_ds|)|, N.s/m. The excess is not below the rounding of
+    |Z_h_ds|, and not a number where Re Z_h is below the margin.
+    """
     radius = np.abs(loop.target)
     scale = np.where(radius == 0, 1.0, radius)
     with np.errstate(invalid="ignore"):

@@ -176,7 +176,10 @@ class MethodVerdict(StrEnum):
 def verdicts(
     closed_form: GainSchedule, optimum: GainSchedule, scale: FloatArray
 ) -> tuple[tuple[MethodVerdict, ...], tuple[str, ...]]:
-    """Judge every frequency: the better of closed form and optimum, and why they differ."""
+    """Return for every frequency whether closed form or optimum has the less magnitude error, and a sentence why.
+
+    ``scale`` is |Z_d| + |H Z_ds|, N.s/m: errors that differ by less than 1e-8 of it are equal.
+    """
     better = closed_form.magnitude_error > optimum.magnitude_error + AGREEMENT * scale
     judged = [_verdict(closed_form, optimum, row, better=bool(better[row])) for row in range(optimum.rows)]
     return tuple(verdict for verdict, _ in judged), tuple(reason for _, reason in judged)
@@ -204,7 +207,10 @@ def _verdict(closed_form: GainSchedule, optimum: GainSchedule, row: int, *, bett
 
 
 def cross_check(direct: GainSchedule, exact: GainSchedule, scale: FloatArray) -> CrossCheck:
-    """Compare two independent solutions of (11)-(12): by how much they differ, relative to a scale, where and why."""
+    """Compare two independent solutions of (11)-(12): by how much they differ, at which frequencies, and why.
+
+    Magnitude error and distance |Z_h - Z_h_ds| count relative to ``scale``, |Z_d| + |H Z_ds|, N.s/m.
+    """
     both_usable = direct.usable & exact.usable
     only_one_usable = direct.usable != exact.usable
     magnitude = np.where(both_usable, direct.magnitude_error - exact.magnitude_error, 0.0) / scale

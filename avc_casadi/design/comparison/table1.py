@@ -122,7 +122,7 @@ class Design:
 
 
 def design(problem: Problem, coupling: str) -> Design:
-    """Design one coupling for the wall of a problem; a method that refuses it gives no gains."""
+    """Return a coupling, a name of `COUPLINGS`, designed for the wall of a problem; without gains where refused."""
     if coupling == "none":
         return Design(problem, NO_COUPLING, NO_COUPLING)
     if coupling == "closed-form":
@@ -144,7 +144,11 @@ def design(problem: Problem, coupling: str) -> Design:
 
 
 def _injection(problem: Problem) -> Design:
-    """Render the desired wall with the largest damper that the projection injects at any frequency."""
+    """Return the desired wall, the mean of the bounds U and L, with the largest damper that is injected into it.
+
+    The projection of (13) injects a damper at each frequency. The wall is rigidly coupled; the damper acts in contact
+    alone.
+    """
     upper, lower = problem.boundaries.upper, problem.boundaries.lower
     wall = Impedance(
         damping_ns_per_m=(upper.damping_ns_per_m + lower.damping_ns_per_m) / 2,
@@ -345,7 +349,7 @@ def _designed(wall: str, coupling: str) -> Design:
 
 
 def _tried(couplings: tuple[str, ...], seed: int, task: _Task) -> _Tried:
-    """Return the outcomes of some hands at one wall."""
+    """Return the outcomes of some hands of both sets with each coupling at one wall."""
     problem = load_problem(task.wall.lower())
     designs = {name: _designed(task.wall, name) for name in couplings}
     outcomes: dict[Population, dict[str, _Outcome]] = {"A": {}, "B": {}}
@@ -359,7 +363,11 @@ def _tried(couplings: tuple[str, ...], seed: int, task: _Task) -> _Tried:
 
 
 def _outcome(setup: Setup, hands: Hand | StylusHand, reference: Traces | None) -> _Outcome:
-    """Return whether each hand rests after each motion, with and without friction, and what it feels."""
+    """Return whether each hand rests after each motion, with and without friction, and what stiffness it feels, N/m.
+
+    With a reference, the traces of a press against the continuous wall, the distance from it too; arrays of shape
+    (hands,).
+    """
     (press,) = traces(setup, hands, MOTIONS["press"])
     pressed = press.judge()
     rest = {name: pressed.stable if name == "press" else judge(setup, hands, MOTIONS[name]).stable for name in AT_WALL}
@@ -372,7 +380,10 @@ def _outcome(setup: Setup, hands: Hand | StylusHand, reference: Traces | None) -
 def _row(
     wall: str, coupling: str, designed: Design, outcomes: dict[str, _Outcome], population: Population
 ) -> Table1Row:
-    """Return the row of one coupling at one wall."""
+    """Return the row of one coupling at one wall: counts of hands that rest, and of those that find it nearer.
+
+    `designed` is the coupling; `outcomes` are arrays (hands,) by coupling and name, without those that were not tried.
+    """
     # The paper compared static and adaptive coupling; all others are set against the adaptive one.
     opponent = "static" if coupling == "schedule" else "schedule"
     not_tried = Table1Row(
