@@ -99,6 +99,7 @@ class SensorAnalysis:
     """The plants of a problem of a device with a force sensor around any of its laws."""
 
     def __init__(self, problem: SensorProblem, worst: Sequence[Hand] = ()) -> None:
+        """Set up device, hands and contacts at the corners of their ranges; `worst` hands join with every device."""
         self.problem = problem
         self.family = HandleFamily.of(problem)
         self.period_s = problem.device.sample_time_s
@@ -144,7 +145,7 @@ class SensorAnalysis:
         return self.rough_margin(law) >= limit and self.confirmed_margin(law) >= limit
 
     def case(self, law: AnyLaw, side: HandleSide) -> HandleCase:
-        """Return the worst of each number, at the corners of the ranges and at the worst points of a search."""
+        """Return poles, damping ratios, margins and worst hand of a law on one side: hand, contact or released."""
         state_space = law.law(self.period_s)
         measures = (leading_poles(state_space), _lack_of_damping(state_space), _swings(state_space))
         pairs = side.corner_pairs + [side.worst_case(measure).pair for measure in measures]
@@ -436,7 +437,7 @@ def certify_admittance(
 
 
 def _judged(analysis: HandleAnalysis, law: VirtualImpedance, stages: Stages, *, limits: bool) -> AdmittanceCertificate:
-    """Return the verdict on a law, and its limits, without remedies."""
+    """Return the verdict on a law on every side of the handle, with its limits where asked for, without remedies."""
     problem, cases = analysis.problem, []
     for side in analysis.family.sides:
         stages.begin(f"handle {side.handle}")
@@ -480,6 +481,7 @@ class _Way:
 
 
 def _ways(law: VirtualImpedance, problem: AdmittanceProblem) -> Iterator[_Way]:
+    """Yield changes of one number of law or device that may help, each with its values, the least change first."""
     device = problem.device
     factors = np.geomspace(1.0, _MOST_CHANGE, _CHANGES + 1)[1:]
 
@@ -581,7 +583,10 @@ def damping_changes(analysis: HandleAnalysis, law: VirtualImpedance) -> tuple[Ad
 
 
 def _refined(margin: Callable[[float], float], thin: float, sound: float) -> float:
-    """Return the value nearest to one that is thin which is sound, to about a per cent, rounded towards the sound."""
+    """Return the value nearest to `thin` whose disk margin is sound, to about a per cent, rounded towards `sound`.
+
+    `margin` gives the disk margin of a value; it is bisected in the logarithm.
+    """
     for _ in range(_REFINEMENTS):
         middle = math.sqrt(thin * sound)
         if margin(middle) >= _SOUND_ROUGHLY:

@@ -93,7 +93,10 @@ class Certificate(Tabular, Document):
 
 
 def _rows(problem: Problem, gains: GainSchedule, *, requested: bool = False) -> Rows:
-    """Return the gains under judgement."""
+    """Return the gains b, k and b_p under judgement: those that run, or where ``requested`` those asked for.
+
+    Rows without gains are marked as absent; infinite b or k count as a rigid coupling, but not behind state feedback.
+    """
     b = gains.requested_damping_ns_per_m if requested else gains.damping_ns_per_m
     k = gains.requested_stiffness_n_per_m if requested else gains.stiffness_n_per_m
     contact = gains.requested_contact_damping_ns_per_m if requested else gains.contact_damping_ns_per_m
@@ -226,7 +229,10 @@ class _RowProgress(Progress):
 
 
 def rest_level(subject: Subject) -> LevelResult:
-    """Prove or refute rest at each row of the deployed table with constant gains; else give the reason it is open."""
+    """Return L7: rest proved, refuted or open at each row of the deployed table with constant gains.
+
+    Each row has the reason where it is open. The level is as good as its worst row.
+    """
     coupling = subject.coupling
     if coupling is None:
         return _rest_result([], RestFinding(), subject.problem, subject.gains.rows)
@@ -263,7 +269,10 @@ def quick_rest_level(coupling: Coupling, progress: Progress = SILENT) -> LevelRe
 
 
 def admits_quick_proof(coupling: Coupling) -> bool:
-    """Return whether `quick_rest_level` judges a coupling."""
+    """Return whether a proof of rest takes a second or two: constant gains alone, on a rigid device known exactly.
+
+    The force is to be clipped last, and there is no play, observer, law or guard.
+    """
     runtime = coupling.runtime
     device = coupling.problem.device
     ranges = device.range
@@ -286,7 +295,7 @@ def promises_rest(coupling: Coupling) -> bool:
 
 
 def _rest_result(rests: list[Rest], finding: RestFinding, problem: Problem, rows: int, worst: int = 0) -> LevelResult:
-    """Return L7 of rows of the deployed table, and which of them is the worst; a proof has no margin."""
+    """Return the level L7 of proofs of rest of rows, `worst` the place of the worst; a proof has no margin."""
     nothing = np.full(rows, np.nan)
     passed = np.zeros(rows, dtype=bool)
     passed[: len(rests)] = [rest.outcome == "proved" for rest in rests]

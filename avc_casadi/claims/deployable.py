@@ -258,7 +258,10 @@ def deployable(coupling: Coupling, progress: Progress = SILENT) -> Deployable:
 
 
 def _with_disk_margin(verdict: Deployable, coupling: Coupling) -> Deployable:
-    """Return the verdict with the disk margin of the gains at rest, a claim where that is too small."""
+    """Return the verdict with the disk margin of the gains at rest, and a claim that fails where it is too small.
+
+    The least is that of [robustness], or `LEAST_DISK`.
+    """
     margin = min(margins.disk for margins in OpenLoop.of(coupling).margins())
     requirement = coupling.problem.robustness.disk_margin
     least = LEAST_DISK if requirement is None else _TAKEN_FOR_REQUIRED * requirement
@@ -278,6 +281,11 @@ def _with_disk_margin(verdict: Deployable, coupling: Coupling) -> Deployable:
 
 
 def _verdict(coupling: Coupling, progress: Progress) -> Deployable:
+    """Return the claims on the linear loops of a coupling, without its disk margin.
+
+    Its frozen gains, or the law behind an observer, are judged with every hand and released; then in detents, and
+    whether anything is rendered.
+    """
     problem = coupling.problem
     frequency, gains = _interpolation(coupling.table)
     try:
@@ -313,7 +321,7 @@ def _detents_behind_feedback(problem: Problem) -> tuple[DeployClaim, ...]:
 def _claims_in_detents(
     problem: Problem, frequency: FloatArray, gains: FloatArray, progress: Progress
 ) -> tuple[DeployClaim, ...]:
-    """Return the claims of the detents alone, and of frozen gains in the wall with them."""
+    """Return the claim on the detents alone, and those on frozen gains where a detent's slope adds to the wall's."""
     assert problem.detent is not None  # noqa: S101 - asked by the caller
     # In the wall the slope of a detent adds to that of the wall.
     steepest = problem.environment.stiffness_n_per_m + problem.detent.slope_n_per_m
@@ -327,7 +335,10 @@ def _claims_in_detents(
 
 
 def _interpolation(table: GainTable) -> tuple[FloatArray, FloatArray]:
-    """Return the frequencies at which a table is judged and its gains there, (3, n): the rows and points between."""
+    """Return the frequencies, Hz, at which a table is judged, and its gains (b, k, b_p) there, shape (3, n).
+
+    They are the rows and three points between neighbours, where the device interpolates.
+    """
     rows = table.frequency_hz
     if len(rows) == 1:
         return rows, table.gains
@@ -342,7 +353,10 @@ def _interpolation(table: GainTable) -> tuple[FloatArray, FloatArray]:
 def _frozen_claims(
     problem: Problem, frequency: FloatArray, gains: FloatArray, progress: Progress
 ) -> tuple[StabilityClaim, StabilityClaim]:
-    """Return the claims of frozen gains: stable with every hand, and released."""
+    """Return the claims that every row of gains (b, k, b_p), kept constant, is stable with every hand, and released.
+
+    Each names the row of the largest spectral radius, its hand and its device.
+    """
     law = frozen_law(problem, *gains)
     family = PlantFamily.of(problem)
     held = worst_case_over_hands(family, law, progress=progress)
@@ -368,7 +382,10 @@ def _frozen_claims(
 
 
 def _feedback_claims(coupling: Coupling) -> tuple[DeployClaim, ...]:
-    """Return the claims of a law: with every hand, released, and for any gain of its dead zone and of its clip."""
+    """Return the claims on the law behind an observer: stable with every hand, and released.
+
+    They include any share of the innovation that passes its dead zone, and any share of the force that a clip leaves.
+    """
     problem = coupling.problem
     worst_of = worst_case_behind_observer(coupling)
     names: tuple[ClaimName, ...] = ("hands", "let-go", "dead-zone", "clip")
@@ -459,7 +476,10 @@ def require_deployable(coupling: Coupling, *, unsafe: bool = False) -> Deployabl
 
 
 def detent_claim(problem: Problem) -> DetentClaim:
-    """Judge the linear loops at the steepest slopes of the detents, of both signs, with every hand and released."""
+    """Return the claim on detents: linear loops at their steepest slopes, of both signs, with every hand and released.
+
+    It passes where no loop in a valley is unstable, and what leaves a peak does so without oscillation.
+    """
     detent = problem.detent
     if detent is None:
         raise ValueError("the problem has no detents")

@@ -92,7 +92,7 @@ class PortDelays:
 
     @classmethod
     def of(cls, tool: Simulation) -> PortDelays:
-        """Return those of an exchange; v(n) is the velocity that is solved together with the force of step n."""
+        """Return the ages of an exchange, steps; v(n) is the velocity that is solved with the force of step n."""
         # An implicit engine uses the state that it solves for, so that on-time sends the previous one. An explicit one
         # uses and sends the state at the beginning of its step; the new one is ahead.
         implicit = tool.integrator == "implicit"
@@ -115,7 +115,13 @@ class _Lowest:
 
 
 def engine_port(device: Device, hands: Hands, tool: Simulation, gains: ToolGains) -> EnginePort:
-    """Return the passivity of a coupling at the engine's port; the tool's mass and its contacts do not enter."""
+    """Return the least Re G of a coupling at the engine's port over frequencies, hands and devices, N.s/m, and where.
+
+    G is force over velocity at the tool, whose mass and contacts do not enter; passive is Re G >= 0.
+
+    Raises:
+        UnsupportedError: an exact integrator, several substeps, or steps that are no whole samples.
+    """
     t = device.sample_time_s
     family = PlantFamily.between(device, hands)
     if tool.integrator == "exact" or tool.substeps > 1:
@@ -191,7 +197,11 @@ class _Port:
         self._step = np.linalg.matrix_power(self._engine.sample(gains), clock.samples[0])
 
     def impedance(self, angles: FloatArray) -> ComplexArray:
-        """Return G, N.s/m, shape (angles, devices, hands)."""
+        """Return G, force over velocity at the tool, N.s/m, at angles omega T_s, shape (angles, devices, hands).
+
+        The tool's velocity is imposed; spring and damper act on it and through the device's loop, each at its own
+        delay. T_s is the engine's step.
+        """
         k = self._gains.stiffness_n_per_m
         b = self._gains.damping_ns_per_m
         late = self._late
@@ -213,7 +223,7 @@ class _Port:
         return np.asarray(tool_alone - loop_gain[..., 0] * place - loop_gain[..., 1])
 
     def lowest(self) -> _Lowest:
-        """Return the lowest Re G; minus infinity where the engine's loop with its tool driven is unstable."""
+        """Return the lowest Re G over angles, N.s/m, with angle and row; -inf where the driven loop is unstable."""
         lowest = _Lowest(-np.inf, 0.0, 0)
         if not self._engine.closed(self._gains).radius.max() < 1 - TOLERANCE:
             return lowest
@@ -230,7 +240,10 @@ class _Port:
 
 
 def _with_any_hand(device: Device, tool: Simulation, gains: ToolGains) -> float | None:
-    """Return Llewellyn's margin where each sample is a step, and the device has the tool of that step; else None."""
+    """Return Llewellyn's margin, N.s/m, of the coupling between hand and tool; None where it is not computed.
+
+    It is computed where each sample is a step, nothing in it is late, and the device is ideal.
+    """
     delays = PortDelays.of(tool)
     force_delay = delays.force if tool.exchange == "held-force" else 0
     late = max(delays.spring, delays.damper, delays.state, force_delay) > 0

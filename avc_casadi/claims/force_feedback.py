@@ -152,7 +152,10 @@ def certify_force_feedback(
 
 
 def command_noise_n(problem: ForceFeedbackProblem, law: SensedLaw) -> float:
-    """Return the rms of the commanded force at rest, of the noise and the steps of sensor and encoder."""
+    """Return the rms of the commanded force at rest, N, from noise and steps of force sensor and encoder.
+
+    A step q counts as noise of q/sqrt(12); both pass the law by its noise gain and add as squares.
+    """
     device, sensor = problem.device, problem.device.force_sensor
     whole = law.law(device.sample_time_s)
     noises = (

@@ -93,7 +93,7 @@ class _Swings:
     full_speed_m_per_s: float | None
 
     def credit(self) -> FrictionCredit:
-        """Return the largest motion that comes to rest."""
+        """Return the friction, the largest swing that it brings to rest, m, its speed, m/s, and its frequency, Hz."""
         # The least of motions meets no friction, and its compensation at the steepest.
         at_rest = [self._in_motion(point, 0.0, drifts=False) for point in self.points]
         loops = around(self.law, at_rest).closed
@@ -110,7 +110,7 @@ class _Swings:
         return FrictionCredit(self.friction_n, limit.swing_m, speed, limit.turn_per_s / (2 * math.pi))
 
     def largest(self, modes: _Modes) -> _Limit:
-        """Return the largest motion that comes to rest."""
+        """Return the largest motion that comes to rest, by a scan of swings and a search of the limit between two."""
         rests_m = 0.0
         for swing_m in self._tried_m(modes).tolist():
             motion = self._motion(swing_m, modes)
@@ -147,7 +147,11 @@ class _Swings:
         return motion.limit(rests_m)
 
     def _motion(self, swing_m: float, modes: _Modes) -> _Motion:
-        """Return the least damped of the loops in a motion of an amplitude."""
+        """Return the least damped of the loops in a motion of an amplitude, m: its radius, rate and turn.
+
+        Friction and its compensation act as dampers that depend on the speed, amplitude x rate, of each mode: a few
+        rounds make mode and damper agree.
+        """
         for _ in range(_ROUNDS):
             rates = modes.rates_per_s
             # What creeps has no speed, however far it goes.
@@ -160,7 +164,11 @@ class _Swings:
         return _Motion(float(np.abs(leading[worst])), float(modes.rates_per_s[worst]), float(modes.turns_per_s[worst]))
 
     def _in_motion(self, point: LawPoint, speed_m_per_s: float, *, drifts: bool) -> LawPoint:
-        """Return a point with what friction and its compensation are to a swing, or a drift, of a speed."""
+        """Return a point with the damper that friction is to a swing, or a drift, of a speed.
+
+        Describing function: friction F is a damper 4 F/(pi v) to a swing of the speed v, F/v to a drift; its
+        compensation, which saturates at the full speed, has a smaller slope the faster the motion is.
+        """
         # What does not move has no speed that friction could act on.
         damper = self.friction_n / speed_m_per_s if speed_m_per_s > 0 else 0.0
         damper *= 1.0 if drifts else 4 / math.pi

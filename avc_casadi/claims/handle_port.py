@@ -65,7 +65,11 @@ class HandleLoop:
         self.loop = OpenLoop.around(plants_of([(device, nothing)]), law)
 
     def impedance(self, turns: FloatArray) -> ComplexArray:
-        """Return Z, N.s/m, where the push turns by these angles in a sample."""
+        """Return Z at the handle, force over velocity of a push, N.s/m, at angles omega T, rad a sample.
+
+        The push moves the device as it is between samples; the law answers the sampled position and force, held for a
+        sample.
+        """
         device = self.device
         names = self.plant.names
         size = self.plant.states
@@ -82,7 +86,7 @@ class HandleLoop:
         return np.asarray(1 / speed)
 
     def passivity(self) -> HandlePassivity:
-        """Return whether Re Z >= 0, and from which frequency not, by a scan that is dense at poles and bisection."""
+        """Return whether Re Z >= 0 at the handle, and from which frequency, Hz, it is not, by a scan and bisection."""
         turns = np.union1d(np.geomspace(_LOWEST_TURN, math.pi, _EVEN_TURNS), self.loop.turns())
         feeds = np.flatnonzero(self._feeds(turns))
         stable = float(self.loop.closed.radius.max()) < 1

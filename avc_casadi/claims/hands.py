@@ -140,7 +140,16 @@ def _ascend_over_hands(
     going: IndexArray,
     worst: tuple[ComplexArray, FloatArray],
 ) -> None:
-    """Ascend the radius of some rows from hands at shares of a box (3, n, starts); write what is worse into `worst`."""
+    """Ascend the spectral radius of rows of a law over hands, and write what is worse into `worst`.
+
+    Args:
+        device: the device.
+        law: the laws of n rows.
+        box: least and largest mass, damping and stiffness of the hands, (3, n, 1) each.
+        starts: shares of the box at which ascents begin, (3, n, starts).
+        going: rows that are searched.
+        worst: leading pole and hand of each row, (n,) and (3, n).
+    """
     low, high = box
     pole, place = worst
 
@@ -162,7 +171,10 @@ def _ascend_over_hands(
 
 
 def _worst_apart(radius: FloatArray, places: FloatArray) -> IndexArray:
-    """Return the worst hands of each row that lie apart, worst first; places (3, h) as shares of the box."""
+    """Return the numbers of the worst hands of each row that lie apart, worst first, shape (rows, starts).
+
+    `radius` is (rows, h), `places` the h hands (3, h) as shares of the box.
+    """
     distance = np.abs(places[:, :, None] - places[:, None, :]).max(axis=0)
     left = radius.copy()
     chosen = []
@@ -205,7 +217,10 @@ def worst_case_behind_observer(coupling: Coupling) -> dict[str, WorstCase]:
 
 
 def hands_level(subject: Subject) -> LevelResult:
-    """Judge L5 on the loop of the device as declared, whatever model the gains were designed for."""
+    """Return L5: the loop of each row is stable with every hand of the ranges, on the device as declared.
+
+    Rows rank by spectral radius; the margin, N.s/m, is the device damping to spare at the worst one.
+    """
     rows = subject.rows
     problem = subject.problem
     if subject.behind_feedback and subject.coupling is not None:
@@ -242,7 +257,7 @@ def hands_level(subject: Subject) -> LevelResult:
 
 
 def _detail(subject: Subject, held: list[WorstCase], released: list[WorstCase]) -> HandsDetail:
-    """Return radii of all rows, and the worst hand of each."""
+    """Return spectral radii with every hand and released, the hands that were tried, and the worst hand of each row."""
     rows = subject.rows
     radius = np.array([case.radius for case in held])
     return HandsDetail(
@@ -257,7 +272,7 @@ def _detail(subject: Subject, held: list[WorstCase], released: list[WorstCase]) 
 
 
 def _unstable(rows: Rows, row: int, held: list[WorstCase], worst: WorstCase) -> UnstableRows:
-    """Return why L5 is not met."""
+    """Return why L5 is not met: how many rows are unstable or have no gains, and the worst loop."""
     return UnstableRows(
         failed=sum(not case.stable for case in held),
         rows=len(held),
@@ -268,7 +283,10 @@ def _unstable(rows: Rows, row: int, held: list[WorstCase], worst: WorstCase) -> 
 
 
 def _feedback_level(rows: Rows, cases: dict[str, WorstCase]) -> LevelResult:
-    """Judge L5 on the loop of a coupling with state feedback."""
+    """Return L5 of a coupling with state feedback: all rows share the loop of its law, the worst of all cases.
+
+    Cases are every hand, the dead zone and the clip of its force, and released.
+    """
     name, worst = max(((name, cases[name]) for name in cases if name != "let-go"), key=lambda named: named[1].radius)
     released = cases["let-go"]
     finding = ObserverClaim() if worst.stable else UnstableBehindObserver(worst, clipped=name == "clip")
@@ -292,7 +310,10 @@ def _feedback_level(rows: Rows, cases: dict[str, WorstCase]) -> LevelResult:
 
 
 def damping_reserve(device: Device, law: Law, hand: Hand) -> float:
-    """Return the device damping to spare before a row with a hand becomes unstable, N.s/m; negative where it lacks."""
+    """Return the device damping to spare before the loop of a law with a hand is unstable, N.s/m, by bisection.
+
+    It is negative where the loop is unstable: the damping that is missing; not a number where no damping helps.
+    """
 
     def stable(shift: float) -> bool:
         damping = {"damping_ns_per_m": device.damping_ns_per_m + shift}
@@ -331,7 +352,10 @@ class ScopeSlack:
 
 
 def scope_band_hz(problem: Problem, frequency_hz: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the band in which the row of each frequency must be passive; the frequency itself for scope hands."""
+    """Return the lowest and highest frequency, Hz, at which Re Z_h of each row is required, by the scope.
+
+    all: 0 to Nyquist; band: the row's frequency over and times the factor; pointwise and hands: the frequency itself.
+    """
     nyquist = 0.5 / problem.device.sample_time_s
     scope = problem.stability.scope
     factor = problem.stability.band_factor
@@ -360,7 +384,11 @@ def scope_slack(
     stiffness_n_per_m: Values,
     contact_damping_ns_per_m: Values = 0.0,
 ) -> ScopeSlack:
-    """Return the slack of rows of gains in the scope, model and margin of a problem."""
+    """Return the slack of rows of gains in the scope of a problem, and the frequency, Hz, of the least one.
+
+    It is the least Re Z_h less the margin, N.s/m, over the row's band; with scope hands it is 1 - spectral radius with
+    the worst hand, on a device with the margin less damping.
+    """
     given = (frequency_hz, damping_ns_per_m, stiffness_n_per_m, contact_damping_ns_per_m)
     hz, b, k, contact = (
         np.ravel(value) for value in np.broadcast_arrays(*(np.asarray(values, dtype=np.float64) for values in given))

@@ -87,7 +87,7 @@ class PortMechanics:
 
     @cached_property
     def fastest_turns(self) -> float:
-        """The highest corner frequency, in turns a sample."""
+        """The highest corner frequency of amplifier, resonance and motor, in turns a sample, f T."""
         fastest = self.device.amplifier_bandwidth_hz or 0.0
         if not self.rigid:
             motor = self.motor
@@ -98,7 +98,7 @@ class PortMechanics:
         return fastest * self.device.sample_time_s
 
     def amplifier(self, s: ComplexArray) -> ComplexArray:
-        """Return force over command, without the delay."""
+        """Return force over commanded force at s, rad/s: 1, or a low pass of first or second order; without delay."""
         if self.device.amplifier_bandwidth_hz is None:
             return np.ones_like(s)
         plant = device_plant(device_with(self.device, {"mass_kg": self.device.mass_kg or 1.0})).linear()
@@ -156,7 +156,10 @@ class HandleResponse(NamedTuple):
 
 
 def response(device: Device, frequency_hz: FloatArray) -> HandleResponse:
-    """Return the frequency responses of a device that is known exactly, at frequencies above 0."""
+    """Return how handle, transmission, amplifier and sensor of an exactly known device answer, at frequencies above 0.
+
+    The fields are its impedance alone, N.s/m, and the factors from command to force, from motor to handle and sensor.
+    """
     mechanics = PortMechanics(device)
     s = np.asarray(2j * np.pi * frequency_hz, dtype=np.complex128)
     transmission = mechanics.transmission(s)
@@ -175,7 +178,11 @@ def response(device: Device, frequency_hz: FloatArray) -> HandleResponse:
 def wave(
     parts: PartialFractions, contact_damping_ns_per_m: FloatArray, turns: FloatArray, model: Model = "sampled-data"
 ) -> ComplexArray:
-    """W = H (Z_eavc + b_p), H = 1/z or the paper's (z + 1)/(2 z), without the device's delay."""
+    """Return W = H (Z_eavc + b_p), N.s/m, at turns f T, H = 1/z or the paper's (z + 1)/(2 z), without the delay.
+
+    Z_eavc, coupling and environment in series, is given by its partial fractions `parts`, b_p is the contact damping.
+    Small differences of large terms at low frequencies are written out.
+    """
     half = np.pi * turns
     sine = np.sin(half)
     cosine = np.sin(np.pi * (0.5 - turns))
@@ -228,7 +235,11 @@ def real_impedance(
     frequency_hz: FloatArray,
     model: Model,
 ) -> RealImpedance:
-    """Re Z_h, Z_h = Z_d + tau t A e W/(1 + A e W Y), of renderings at frequencies above 0."""
+    """Return Re Z_h, N.s/m, Z_h = Z_d + tau t A e W/(1 + A e W Y), of renderings at frequencies above 0.
+
+    Z_d is the device alone, A the amplifier, e the delay, W the held rendering (`wave`), Y the admittance from motor to
+    sensor; tau and t lead from the motor to the handle and to the sensor.
+    """
     port = response(device, frequency_hz)
     w = wave(parts, contact_damping_ns_per_m, frequency_hz * device.sample_time_s, model) * port.force
     closed = 1 + w * port.admittance
@@ -245,7 +256,10 @@ def real_impedance(
 def handle_impedance(
     device: Device, force_n_per_m: complex | ComplexArray, frequency_hz: FloatArray
 ) -> tuple[ComplexArray, ComplexArray]:
-    """Return Z_h, N.s/m, and the measured position over the handle's, for a sampled force over the measured one."""
+    """Return Z_h at the handle, N.s/m, and the measured position over the handle's, of a sampled law.
+
+    `force_n_per_m` is its force over the measured position, N/m, at each frequency, Hz; the force is held for a sample.
+    """
     port = response(device, frequency_hz)
     turns = frequency_hz * device.sample_time_s
     # Held for a sample, over a velocity.
@@ -263,7 +277,7 @@ def worst_real_impedance(
     high_hz: FloatArray,
     model: Model,
 ) -> PortWorst:
-    """Find the smallest Re Z_h over a band of each row and over devices, by a scan with refinement."""
+    """Return the least Re Z_h of each row over its band and over devices, N.s/m, and where, by a refined scan."""
     rows = np.arange(len(low_hz))
     worst_of_devices = []
     column = parts.pick((slice(None), None))

@@ -94,7 +94,7 @@ class JointCertificate(Printed):
         return f"JointCertificate({'stable' if self.stable else 'unstable'}: disk margin {self.disk_margin:.2g})"
 
     def document(self) -> dict[str, Any]:
-        """Return JSON values."""
+        """Return the certificate as JSON values: the law, its limits under `stable_at`, and the other numbers."""
         values = {key: value for key, value in vars(self).items() if key not in ("problem", "gains", "needs_damper")}
         law: dict[str, Any] = {"stiffness_n_per_m": self.gains.kp, "damping_ns_per_m": self.gains.kd}
         law |= {"velocity": "difference" if self.gains.difference else "engine"}
@@ -192,7 +192,10 @@ class _Limits:
     gains: JointGains
 
     def _at(self, name: str, value: float) -> tuple[JointGains, Mapping[str, float]]:
-        """Return gains and changes of the joint at a value of a number."""
+        """Return the gains of the joint, and its changed values, where one number has a value.
+
+        A number is a factor on both gains, kp, kd, the step, s, or the mass, kg.
+        """
         kp = self.gains.kp
         kd = self.gains.kd
         difference = self.gains.difference
@@ -206,7 +209,10 @@ class _Limits:
         return by_name[name], {}
 
     def interval(self, number: LawNumber) -> Interval | None:
-        """Return the stable interval about a value, or nearest to it; None where no value is stable."""
+        """Return the interval of a number about its value, or nearest to it, in which all loops are stable, or None.
+
+        Its ends are confirmed by a search of the ranges.
+        """
         name = number.key
         for _ in range(_SEARCHES):
             ends = stable_interval(number, partial(self._growth, name))

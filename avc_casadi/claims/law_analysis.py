@@ -96,6 +96,11 @@ class LawAnalysis:
     """The plants of a problem around any spring and damper: its numbers, its limits, and what would help it."""
 
     def __init__(self, problem: Problem) -> None:
+        """Set up the plants of a problem, and the force below which a noise counts as quiet, N.
+
+        Raises:
+            UnsupportedError: neither device nor lightest hand has a mass.
+        """
         self.family = PlantFamily.of(problem)
         self.device = problem.device
         self.period = problem.device.sample_time_s
@@ -124,7 +129,10 @@ class LawAnalysis:
         return worst(law.law(self.period), side, measure).point
 
     def case(self, law: AnyLaw, side: PlantFamily) -> CaseResult:
-        """Return the worst of each number, at the corners of the ranges and at the worst points of a search."""
+        """Return radius, settling time, damping ratio, margins and worst hand of a law on one side: held or released.
+
+        Each is the worst of the corners of the ranges and of points that searches for it find.
+        """
         measures = (radius, _lack_of_damping, OpenLoop.swings)
         corners = corner_points(side, law.law(self.period).sectors)
         points = corners + [self.worst(law, side, measure) for measure in measures]
@@ -158,7 +166,7 @@ class LawAnalysis:
         return min(loop.quick_disk_margin for loop in self._loops(law))
 
     def sound(self, laws: Iterable[SpringDamper]) -> Iterator[tuple[SpringDamper, float]]:
-        """Yield the first law with a sound disk margin, and that, which a search of the ranges does not refute."""
+        """Yield the first of some laws whose disk margin is sound at the corners and in the ranges, and that margin."""
         for law in laws:
             if self.rough_margin(law) < SOUND_DISK:
                 continue
@@ -169,7 +177,10 @@ class LawAnalysis:
                 return
 
     def variants(self, law: SpringDamper, keys: Sequence[str], steps: int) -> Iterator[SpringDamper]:
-        """Yield a law with other values of some keys, the largest first; of b the best alone."""
+        """Yield a law with smaller values of some keys, the largest first; of b the best alone.
+
+        `steps` is the number of values of each key.
+        """
         if not keys:
             yield law
         elif keys[0] == "damping_ns_per_m":
@@ -181,7 +192,7 @@ class LawAnalysis:
                 yield from self.variants(changed, keys[1:], steps)
 
     def _best_damped(self, law: SpringDamper) -> Iterator[SpringDamper]:
-        """Yield the law with the damper of the widest margin; without a spring the largest with a sound one."""
+        """Yield the law with the damper b of the largest disk margin; without a spring the largest b of a sound one."""
         allowed = self.damping_range(law)
         if allowed is None:
             return
@@ -247,7 +258,10 @@ class LawAnalysis:
         return np.unique([0.0, law.damper_ns_per_m, *(np.geomspace(1e-5, 1.0, 81) * largest)])
 
     def _edges(self, law: SpringDamper, stable: FloatArray, unstable: FloatArray) -> FloatArray:
-        """Return the last stable dampers between stable and unstable ones, ever closer to these."""
+        """Return the last stable dampers between stable and unstable ones, N.s/m, by five scans of 17 each.
+
+        `stable` and `unstable` are those at the lower and the upper end, shape (2,).
+        """
         for _ in range(5):
             between = np.linspace(stable, unstable, 17)
             holds = self._walls(law, between.ravel()).holds(law.stiffness_n_per_m).reshape(between.shape)
@@ -262,7 +276,10 @@ def _lack_of_damping(loop: OpenLoop) -> FloatArray:
 
 
 def remedies_of(law: SpringDamper, problem: Problem, analysis: LawAnalysis) -> Iterator[LawRemedy]:
-    """Yield the fewest changes that leave a sound disk margin and no noise that is felt, each as its loop shows."""
+    """Yield the fewest changes of k, b, b_p and filter that give a sound disk margin and a quiet force.
+
+    Then half the sample time, and no delay, each where it alone gives such a margin.
+    """
     for count in range(1, len(_KEYS) + 1):
         # The more values change at once, the coarser are their steps.
         ways = (analysis.variants(law, keys, 30 // count**2) for keys in combinations(_KEYS, count))

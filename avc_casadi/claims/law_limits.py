@@ -102,7 +102,7 @@ def _between(first: Law, second: Law, share: FloatArray) -> Law:
 
 
 def stacked(laws: Sequence[Law]) -> Law:
-    """Return laws of the same signals as one of many; a state or a sector that one does not have stays 0 there."""
+    """Return laws of the same signals as one with a leading axis; states and sectors that a law lacks stay 0."""
     most = max(laws, key=lambda law: law.states)
     sectors = max((law.sectors for law in laws), key=len)
     names = [sector.name for sector in sectors]
@@ -133,6 +133,13 @@ class LawLimits:
         acting: Sequence[Law] = (),
         measure: Callable[[Law], PlantMeasure] | None = None,
     ) -> None:
+        """Set up the points, corners of the ranges and of the sectors, at which laws are judged.
+
+        Args:
+            family: the plants.
+            acting: laws that act, of which that with the most sectors names them.
+            measure: poles that count in place of the largest; None for it.
+        """
         self.family = family
         # Another measure than the radius alone: of several kinds of poles.
         self._measure = measure
@@ -151,7 +158,10 @@ class LawLimits:
         self._slopes = slopes_at(self._points, self._sectors)
 
     def interval(self, number: LawNumber, laws_of: LawsOf) -> Interval | None:
-        """Return the stable interval of a number about its value, or nearest to it; None where no value is stable."""
+        """Return the interval of a number about its value, or nearest to it, in which laws are stable; None if empty.
+
+        `laws_of` gives the laws that act at values of the number. The ends are confirmed by searches of the ranges.
+        """
         radii = self._radii(laws_of(np.array([number.value])), slice(None))[:, 0]
         self._chosen = np.argsort(radii)[-_PLANTS_OF_A_SCAN:]
         for _ in range(_SEARCHES):
@@ -175,7 +185,7 @@ class LawLimits:
         return np.asarray(self._radii(laws_of(values), self._chosen).max(axis=0) - 1)
 
     def _deciding(self, laws_of: LawsOf, value: float) -> Growth:
-        """Return the growth of those laws and chosen points that are unstable at a value."""
+        """Return radius - 1 over values of a number, of those laws and points alone that are unstable at one value."""
         unstable = self._radii_of_each(laws_of(np.array([value])), self._chosen)[..., 0] >= 1
         points = self._chosen[unstable.any(axis=0)]
         places = np.flatnonzero(unstable.any(axis=1)).tolist()
@@ -187,7 +197,7 @@ class LawLimits:
         return growth
 
     def _confirmed(self, laws_of: LawsOf, values: Sequence[float]) -> bool:
-        """Look for points that are unstable at some values, at all corners and in the ranges; keep them."""
+        """Return whether all points, at corners and searched, are stable at values of a number; keep the others."""
         confirmed = True
         for value in values:
             laws = laws_of(np.array([value]))
@@ -258,7 +268,7 @@ class BeyondLimit:
 def nearest_limit(
     law: ControlLaw | StatedSystem, intervals: Mapping[str, Interval | None], sample_time_s: float
 ) -> BeyondLimit:
-    """Return the number of an unstable law that is nearest to the limit that it is beyond."""
+    """Return the number of an unstable law that is the least share of itself beyond an end of its stable interval."""
     beyond = []
     for number in law.numbers(sample_time_s):
         interval = intervals.get(number.key)

@@ -99,7 +99,7 @@ def corner_points(side: PointSide, sectors: Sequence[Sector]) -> list[LawPoint]:
 
 
 def worst(law: Law, side: PointSide, measure: Measure) -> WorstPoint:
-    """Return where in the ranges of device, hand and slopes a measure of the loop is largest."""
+    """Return device, hand and slopes of sectors, of a side of the ranges, at which a measure of the loop is largest."""
 
     def of_plants(plant: SampledPlant, values: Mapping[str, FloatArray]) -> ComplexArray:
         return measure(OpenLoop.around(plant, law_at(law, values, slice(None)))).astype(np.complex128)

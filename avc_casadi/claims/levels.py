@@ -323,7 +323,7 @@ def level_result(rows: Rows, level: str, model: Model, claim: LevelClaim, margin
 
 
 def unjudged(rows: Rows, level: str, model: Model, finding: LevelFinding) -> LevelResult:
-    """Return a level of which no row is judged; it is not met."""
+    """Return a level of which no row is judged, for the reason in `finding`; it is not met."""
     nothing = np.full(len(rows.present), np.nan)
     present = np.flatnonzero(rows.present)
     return LevelResult(
@@ -343,7 +343,10 @@ def unjudged(rows: Rows, level: str, model: Model, finding: LevelFinding) -> Lev
 
 
 def passivity_level(subject: Subject, level: str) -> LevelResult:
-    """Judge a claim of passivity on the rows; refused where that is not available."""
+    """Return a level of passivity, L0 to L4, of the rows: Re Z_h >= 0 where the level asks for it, or Llewellyn's.
+
+    It is refused behind state feedback, and where the device has no exact method for it.
+    """
     rows = subject.rows
     claim = LEVELS[level]
     model = claim.hold or subject.problem.stability.model
@@ -363,7 +366,7 @@ def passivity_level(subject: Subject, level: str) -> LevelResult:
 
 
 def _exact(rows: Rows, level: str, model: Model, progress: Progress) -> LevelResult:
-    """Judge on an ideal device, at each end of the range of its delay."""
+    """Return a level of passivity on an ideal device, at each end of the range of its delay, by exact formulas."""
     # Re Z_h grows with the device's damping, so that the lower end of its range covers the others.
     problem = least_damped(rows.problem)
     band = _band(rows, LEVELS[level].where)
@@ -398,7 +401,7 @@ def _condition(level: str) -> PassivityCondition:
 
 
 def _llewellyn(rows: Rows, loop: SampledLoop, progress: Progress) -> list[FloatArray]:
-    """Return Llewellyn's margin of each present row, its frequency and its tolerance, each (p,)."""
+    """Return the least of Llewellyn's margin of each present row, N.s/m, its frequency and tolerance, each (p,)."""
     parts = [
         llewellyn_margin(loop, rows.b[part], rows.k[part], rows.contact[part])
         for part in chunks(len(rows.b), _ROWS_AT_ONCE, progress, "Llewellyn")
@@ -418,7 +421,10 @@ class _Band:
 
 
 def _band(rows: Rows, where: Where) -> _Band:
-    """Return the band in which each present row is judged; its own frequency is a band of no width."""
+    """Return the band, Hz, in which each present row is judged: its own frequency, or over and times the band factor.
+
+    At `all` it is from 0 on. A table of one row has the band of the problem's frequencies.
+    """
     factor = rows.problem.stability.band_factor if where == "band" else 1.0
     row_hz = rows.frequency_hz[rows.present]
     if where == "all":
@@ -432,7 +438,7 @@ def _band(rows: Rows, where: Where) -> _Band:
 
 
 def _in_band(rows: Rows, level: str, model: Model) -> LevelResult:
-    """Judge Re Z_h in a band, at the handle of a device as declared."""
+    """Return a level of Re Z_h >= 0 in each row's band, at the handle of a device with all that it declares."""
     band = _band(rows, LEVELS[level].where)
     parts = fractions(SampledLoop.of(rows.problem, model), rows.b, rows.k)
     corners = PlantFamily.of(rows.problem).devices
@@ -443,7 +449,11 @@ def _in_band(rows: Rows, level: str, model: Model) -> LevelResult:
 
 
 def _at_port(rows: Rows, level: str, progress: Progress) -> LevelResult:
-    """Judge passivity at every frequency, at the handle of a device as declared."""
+    """Return a level of passivity at every frequency, at the handle of a device with all that it declares.
+
+    The slack is that of the rendering, or for any passive environment that of the coupling. A row passes where it is
+    also stable with one passive hand, and for this environment has no negative stiffness.
+    """
     # A constant coupling repeats one row.
     gains = np.stack([rows.b, rows.k, rows.contact])
     (b, k, contact), distinct_row = np.unique(gains, axis=1, return_inverse=True)
@@ -476,7 +486,7 @@ def _at_port(rows: Rows, level: str, progress: Progress) -> LevelResult:
 
 
 def _faults(unstable: BoolArray, dc_n_per_m: FloatArray) -> list[RowFault | None]:
-    """Return what fails of each row besides a margin; None where nothing does."""
+    """Return what fails of each row besides its margin: a pole that grows or a negative stiffness; None of nothing."""
 
     def fault(*, grows: bool, dc: float) -> RowFault | None:
         if grows:

@@ -108,7 +108,10 @@ class Teleoperator:
 
 
 def passivity_margin(device: Teleoperator, gains: ToolGains) -> tuple[float, float]:
-    """Return the smallest eigenvalue of the condition's matrix, N.s/m, and its frequency, Hz; 0 or more is passive."""
+    """Return the least eigenvalue of the two-port's condition, N.s/m, and its frequency, Hz; 0 or more is passive.
+
+    The two-port is a teleoperator, leader to follower; its Hermitian part is looked at over angles omega T.
+    """
     # Springs are worst where the delay is a small angle, dampers where it is many turns.
     slowest = _SLOW_SHARE / (1 + device.there_samples + device.back_samples)
     slow = np.geomspace(slowest, _MEETING_ANGLE, _SLOW_ANGLES)

@@ -190,7 +190,7 @@ class LawCertificate(Printed):
         return f"LawCertificate({'deployable' if self.passed else 'not deployable'}: {self.reason})"
 
     def document(self) -> dict[str, Any]:
-        """Return JSON values."""
+        """Return verdict, loops, limits and rendered stiffness as JSON values, in the units of the device."""
         verdict = {"pass": self.passed, "stable": self.stable, "disk_margin": self.disk_margin, "quiet": self.quiet}
         rendered = {f"at_{hz:g}_hz_n_per_m": value for hz, value in self.rendered_n_per_m.items()}
         judged = {"problem": self.problem.name, "deployable": {**verdict, "reason": self.reason}, "rendered": rendered}
@@ -319,7 +319,10 @@ def _number_limits(
     acting_with: Callable[[ControlLaw | StatedSystem], ActingLaws],
     stages: Stages,
 ) -> _NumberLimits:
-    """Return the stable intervals of a law, of which some laws act; others act with another value of a number."""
+    """Return the stable interval of each number of a law, and of a common factor on all its forces.
+
+    `laws` act; `acting_with` gives those that act with another value of a number. Each number is a stage.
+    """
     limits = LawLimits(analysis.family, laws)
     of_numbers: dict[str, Interval | None] = {}
     if isinstance(law, ControlLaw):
@@ -332,7 +335,10 @@ def _number_limits(
 
 
 def _certify_pieces(law: ControlLaw | StatedSystem, problem: Problem, how: _How, *, one_sided: bool) -> LawCertificate:
-    """Judge any law in contact and outside: the interval of each of its numbers by the worst case of the ranges."""
+    """Judge any law in contact and outside: the interval of each of its numbers by the worst case of the ranges.
+
+    `one_sided` says that it acts in a wall, outside which only a part of it acts.
+    """
     _require_known_delay(problem)
     slower = law.rate_divider if isinstance(law, ControlLaw) else 1
     at_rate = at_own_rate(problem)
@@ -406,7 +412,7 @@ def _worst_of(cases: Sequence[CaseResult], slower: int) -> CaseResult:
 
 
 def _credited(analysis: LawAnalysis, laws: Sequence[Law], law: AnyLaw) -> FrictionCredit:
-    """Return up to which swing friction brings laws to rest that grow without it."""
+    """Return up to which swing, m, dry friction brings laws to rest that grow without it."""
     compensation = law.friction_compensation if isinstance(law, ControlLaw) else None
     full_speed = None if compensation is None else compensation.velocity_m_per_s
     at_points = [
@@ -418,7 +424,10 @@ def _credited(analysis: LawAnalysis, laws: Sequence[Law], law: AnyLaw) -> Fricti
 
 
 def _certify_spring_damper(law: SpringDamper, stated: Problem, how: _How, *, remedies: bool) -> LawCertificate:
-    """Judge a spring and damper: k and b by D-decomposition, and what would help."""
+    """Judge a spring and damper, force k x + (b + b_p) v: margins, limits by D-decomposition, and what helps.
+
+    Only b_p acts outside the wall.
+    """
     b_p, device = valid_law(law, stated).local_damping_ns_per_m, stated.device
     state_space = law.law(device.sample_time_s)
     analysis = LawAnalysis(stated)
@@ -466,7 +475,11 @@ def law_problem(source: AnyProblem) -> Problem:
 
 
 def valid_law(law: SpringDamper, problem: Problem) -> SpringDamper:
-    """Return the law if its numbers are allowed: as those of the same keys in a file."""
+    """Return the law k, b, b_p and filter if its numbers are allowed, as those of the same keys in a file.
+
+    Raises:
+        InputError: a number out of its range, no gain at all, or a delay that is too long.
+    """
     gains = {"k": law.stiffness_n_per_m, "b": law.damping_ns_per_m, "b_p": law.local_damping_ns_per_m}
     numbers = gains if law.cutoff_hz is None else {**gains, "cutoff_hz": law.cutoff_hz}
     q.refuse_quantities({key: (value, _ALLOWED[key]) for key, value in numbers.items()})

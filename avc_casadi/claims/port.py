@@ -86,7 +86,11 @@ class HandlePort:
 
 
 def handle_port(device: Device, frequency_hz: FloatArray, removal_ns_per_m: FloatArray | float = 0.0) -> HandlePort:
-    """Return the port of a device at frequencies above 0, each with all its aliases."""
+    """Return the port of a device at frequencies above 0, Hz, each with all its aliases f + n/T.
+
+    A hand moves the handle at every alias; sampling sums them. `removal_ns_per_m` is damping that is taken from the
+    handle.
+    """
     turns, removal = np.broadcast_arrays(np.asarray(frequency_hz) * device.sample_time_s, removal_ns_per_m)
     mechanics = PortMechanics(device)
     if mechanics.rigid and device.amplifier_bandwidth_hz is None:
@@ -105,7 +109,10 @@ def handle_port(device: Device, frequency_hz: FloatArray, removal_ns_per_m: Floa
 
 
 def _ideal(device: Device, turns: FloatArray, removal: FloatArray) -> HandlePort:
-    """Return the port of a rigid, ideal device: closed sums over aliases, linear in a fraction f of a sample."""
+    """Return the port of a rigid device with an ideal amplifier, less a removed damping: closed sums over aliases.
+
+    With a delay of d + f samples they are linear in the fraction f.
+    """
     left = device.damping_ns_per_m - removal
     damped = left > 0
     half = np.where(damped, 0.5 / np.where(damped, left, 1.0), 0.0)
@@ -132,7 +139,7 @@ class _Aliases:
 
     @classmethod
     def of(cls, mechanics: PortMechanics) -> _Aliases:
-        """Return the aliases that a device needs."""
+        """Return the aliases n of f + n/T that a device needs, with weights: one by one, then nodes of an integral."""
         least = _ALIASES_FADED if mechanics.device.delay_samples % 1 else _ALIASES
         last = max(least, math.ceil(_BEYOND_CORNER * mechanics.fastest_turns))
         plain = np.arange(1.0, last + 2)
@@ -149,7 +156,13 @@ class _Aliases:
 
 
 def _alias_sum(mechanics: PortMechanics, aliases: _Aliases, turns: FloatArray, removal: FloatArray) -> HandlePort:
-    """Return the port at frequencies (m,), less some damping of the handle at each, summed over the aliases."""
+    """Return the port at turns f T, shape (m,), less some damping of the handle at each, summed over the aliases.
+
+        X = sum kappa A e (Y + tau t/(2R)),    U^2 = sum kappa |A|^2 |tau|^2/(2R) sum kappa |t|^2/(2R)
+
+    kappa is hold and sampler, A amplifier, e delay, tau motor over handle velocity, t tau or 1 for an encoder at the
+    handle, Y the motor's admittance, R the damping of the device at the handle.
+    """
     device = mechanics.device
     alias_turns = turns[:, None] + aliases.number
     s = np.asarray(2j * np.pi * alias_turns / device.sample_time_s, dtype=np.complex128)
@@ -208,7 +221,7 @@ class RenderingSlack:
     contact_damping_ns_per_m: FloatArray
 
     def __call__(self, port: HandlePort, rows: IndexArray) -> tuple[FloatArray, FloatArray]:
-        """Return the slack of some rows."""
+        """Return the slack |1 + W X|^2 - |W|^2 U^2 of some rows and its rounding; W the rendering, X and U the port."""
         column = (rows, None)
         w = wave(self.parts.pick(column), self.contact_damping_ns_per_m[column], port.turns)
         size = np.abs(w)
@@ -245,7 +258,7 @@ class CouplingSlack:
             return np.asarray(finite & ((b + k * self.sample_time_s / 2 > 0) | ((b == 0) & (k == 0))))
 
     def __call__(self, port: HandlePort, rows: IndexArray) -> tuple[FloatArray, FloatArray]:
-        """Return the slack of some rows."""
+        """Return the least slack of some rows of couplings over every passive wall, and its rounding; no unit."""
         column = (rows, None)
         valid = self.valid
         b, k = (np.where(valid, gain, 0.0)[column] for gain in (self.damping_ns_per_m, self.stiffness_n_per_m))
@@ -280,7 +293,10 @@ def frequencies_hz(device: Device) -> FloatArray:
 
 
 def port_worst(devices: Sequence[Device], slack: Slack, rows: int, progress: Progress = SILENT) -> PortWorst:
-    """Return the smallest slack over all frequencies and devices, by a scan: the port has no lightly damped pole."""
+    """Return the least slack of each row over all frequencies and devices, as a margin, N.s/m, and where.
+
+    It is scanned and refined: the port has no lightly damped pole.
+    """
     all_rows = np.arange(rows)
     passed = np.ones(rows, dtype=bool)
     least_of_devices, places = [], []
@@ -314,7 +330,10 @@ def port_worst(devices: Sequence[Device], slack: Slack, rows: int, progress: Pro
 
 
 def _margin(device: Device, slack: Slack, frequency: FloatArray, rows: IndexArray, values: FloatArray) -> FloatArray:
-    """Return the largest damping that can be removed from the handle at one frequency a row, N.s/m, by bisection."""
+    """Return the largest damping that can be removed from the handle at one frequency a row, N.s/m, by bisection.
+
+    Where `values`, the slack, is negative it is below 0: damping that must be added.
+    """
 
     def meets(removal: FloatArray) -> BoolArray:
         return np.asarray(slack(handle_port(device, frequency[:, None], removal[:, None]), rows)[0][:, 0] >= 0)

@@ -92,7 +92,7 @@ class _Search:
         return None
 
     def end(self, stable: float, sign: int) -> float:
-        """Return the last stable value on a side; infinite, or the bound of the number, where the scan meets none."""
+        """Return the last stable value on a side (`sign`); infinite, or the bound of the number, if all are stable."""
         last = stable
         for values in _together(_scan(self.number, stable, sign)):
             unstable = self.growth(np.array(values)) >= 0

@@ -34,7 +34,10 @@ def real_part(
 def size_of_terms(
     loop: SampledLoop, parts: PartialFractions, contact_damping_ns_per_m: Values, frequency_hz: Values | None = None
 ) -> FloatArray:
-    """Sum of the magnitudes of the terms of Re Z_h, N.s/m: rounding errors are a multiple of it."""
+    """Return the sum of the sizes of the terms of Re Z_h, N.s/m, of which rounding errors are a multiple.
+
+    At given frequencies, or a bound over all.
+    """
     if frequency_hz is not None:
         amplitude, terms = _terms(loop, parts, contact_damping_ns_per_m, frequency_hz)
         return np.asarray(loop.device_damping_ns_per_m + amplitude * sum(np.abs(term) for term in terms))
@@ -48,7 +51,11 @@ def size_of_terms(
 def _terms(
     loop: SampledLoop, parts: PartialFractions, contact: Values, frequency_hz: Values
 ) -> tuple[FloatArray, tuple[FloatArray, ...]]:
-    """Return h and the terms of Re Z_h in the braces of `real_part`, those of opposite sign separate."""
+    """Return h and the terms whose sum times h is Re of the held rendering, N.s/m; those of opposite sign apart.
+
+    With phi = omega T/2 and psi the lag of hold and delay, they are g cos psi, b_p cos psi, the integral part -r
+    sin(psi + phi)/(2 sin phi), and two of the decaying part c w/(1 - rho w).
+    """
     turns = np.maximum(np.asarray(frequency_hz, dtype=np.float64) * loop.sample_time_s, _ZERO_TURNS)
     sine = np.sin(np.pi * turns)
     cosine = np.sin(np.pi * (0.5 - turns))
@@ -86,7 +93,7 @@ _SEEDS_ALONE = 24
 
 
 def real_parts_of_roots(rows: FloatArray) -> FloatArray:
-    """Return the real parts of the roots of rows of Chebyshev coefficients, by eigenvalues of colleague matrices."""
+    """Return the real parts of the roots of rows of Chebyshev coefficients, (n, degree), by eigenvalues."""
     roots = np.ones((rows.shape[0], rows.shape[1] - 1))
     significant = np.abs(rows) > _EPS * np.max(np.abs(rows), axis=1, keepdims=True)
     degrees = np.where(significant.any(axis=1), significant.shape[1] - 1 - np.argmax(significant[:, ::-1], axis=1), 0)
@@ -98,7 +105,10 @@ def real_parts_of_roots(rows: FloatArray) -> FloatArray:
 
 
 def _colleague(rows: FloatArray) -> FloatArray:
-    """Return the symmetrised colleague matrices, shape (n, degree, degree)."""
+    """Return the symmetrised colleague matrices of rows of Chebyshev coefficients: eigenvalues are the roots.
+
+    Shape (n, degree, degree).
+    """
     degree = rows.shape[1] - 1
     if degree == 1:
         return np.asarray(-rows[:, :1, None] / rows[:, 1:, None])
@@ -174,7 +184,10 @@ def quadratic_stretch(bend: FloatArray, slope: FloatArray, free: FloatArray) -> 
 
 
 def stationary_cosines(loop: SampledLoop, parts: PartialFractions, contact_damping_ns_per_m: FloatArray) -> FloatArray:
-    """Return cos(omega T) where Re Z_h may be stationary, shape (n, roots): real parts of all roots in [-1, 1]."""
+    """Return c = cos(omega T) where Re Z_h may be stationary, shape (n, roots): real parts of the roots, in [-1, 1].
+
+    d Re Z_h/dc times D^2 is a polynomial in c, D = 1 + rho^2 - 2 rho c the square of the distance to the pole rho.
+    """
     gain, integral, kernel = _shapes(loop)
     rho = parts.pole[:, None]
     gain_slope: FloatArray = np.asarray(chebyshev.chebder(gain), dtype=np.float64)
@@ -190,7 +203,7 @@ def stationary_cosines(loop: SampledLoop, parts: PartialFractions, contact_dampi
 
 
 def _shapes(loop: SampledLoop) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return Re H, Re H w/(1 - w) and Re H w as Chebyshev coefficients."""
+    """Return Re H, Re H w/(1 - w) and Re H w as Chebyshev coefficients in cos(omega T), H hold and delay, w = 1/z."""
     d = loop.whole_delay("the polynomial of stationary points")
     unit = np.eye(d + 3)
     # Re w^n/(1 - w) = -(1/2 + c_1 + ... + c_(n-1)), c_i the Chebyshev polynomials, for n = d + 1 and d + 2.
@@ -205,7 +218,7 @@ def _shapes(loop: SampledLoop) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 def _times_distance(rows: FloatArray, rho: FloatArray) -> FloatArray:
-    """Multiply by D = 1 + rho^2 - 2 rho c."""
+    """Return rows of Chebyshev coefficients in c multiplied by D = 1 + rho^2 - 2 rho c, rho of each row."""
     product = np.zeros((rows.shape[0], rows.shape[1] + 1))
     product[:, 1:] = rows / 2
     product[:, 1:2] += rows[:, :1] / 2

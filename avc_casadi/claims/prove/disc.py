@@ -74,6 +74,7 @@ class Disc:
         return -self + other
 
     def __mul__(self, other: Disc | Number) -> Disc:
+        """Return a disc that encloses every product of two discs, or of a disc and a number, rounding included."""
         if isinstance(other, Moving):
             return NotImplemented
         if isinstance(other, Disc):
@@ -92,7 +93,7 @@ class Disc:
         return Disc(self.centre.sum(axis=0), (self.radius.sum(axis=0) + spread) * _UP)
 
     def reciprocal(self) -> Disc:
-        """Return 1/z; unbounded where the disc comes near to 0."""
+        """Return a disc that encloses 1/z of every z of this one; unbounded where it comes near to 0."""
         size = np.abs(self.centre)
         apart = self.radius < _MOST_OPEN * size
         with np.errstate(all="ignore"):
@@ -233,7 +234,7 @@ def hold(angle: Moving) -> Moving:
 
 
 def _hold_rate(angle: FloatArray) -> ComplexArray:
-    """Return -j times the mean of u exp(-j angle u)."""
+    """Return -j times the mean of u exp(-j angle u) over u in [0, 1], the rate of `hold`; of small angles a series."""
     small = np.abs(angle) < _SMALL_ANGLE
     far = np.where(small, 1.0, angle)
     closed = (np.exp(-1j * far) - np.exp(-0.5j * far) * np.sinc(far / (2 * np.pi))) / far

@@ -132,7 +132,11 @@ class SampledPlantBox:
         return self._fold(omega, dict(zip(self.names, numbers, strict=True)), self.terms)
 
     def _fold(self, omega: Value, numbers: dict[str, Value], terms: int) -> FoldedPlant:
-        """Return P with so many terms on each side of the middle one: enclosures, or plain numbers."""
+        """Return the sampled plant P at omega as a sum over aliases, so many `terms` on each side of the middle one.
+
+        P = sum over n of Y(j (omega + 2 pi n)) x hold x delay, omega an angle a sample; as enclosures, or plain
+        numbers. The middle term is kept as numerator and denominator.
+        """
         moving = isinstance(omega, Moving)
         number = Disc.with_rounding if moving else complex
         t = self.device.sample_time_s
@@ -171,7 +175,10 @@ class SampledPlantBox:
         return term * (Disc(late, _ROUGH) if moving else late)
 
     def _compliance(self, s: Value, numbers: dict[str, Value], t: float) -> tuple[Value, Value]:
-        """Return position over commanded force, over T^2, as a numerator and a denominator; s per sample."""
+        """Return numerator and denominator of position over commanded force, over T^2, 1/kg, at s a sample.
+
+        `numbers` are the values of the hand, and of what of the device has a range; t is the sample time.
+        """
         known = Disc.with_rounding if isinstance(s, Moving) else complex
         device = self.device
 
@@ -210,7 +217,11 @@ class SampledPlantBox:
         return numerator, denominator
 
     def tail(self, omega_high: FloatArray) -> FloatArray:
-        """Bound the omitted terms of P, at angles up to the given ones."""
+        """Return a bound of the aliases that P leaves out, m/N, at angles up to the given ones.
+
+        It is that of 1/(m omega^2) beyond the last term, times amplifier and hold; for a rigid device terms of both
+        signs cancel.
+        """
         lift = np.minimum(omega_high, 2.0) * self.device.sample_time_s**2 * _ROOM
         n = self.terms
         if not self.terms_cancel:
@@ -254,7 +265,10 @@ class SampledPlantBox:
         return peak * _ROOM, 0
 
     def _largest_yield(self) -> float:
-        """Bound |Y| w^2 beyond the included terms, 1/kg."""
+        """Return a bound of |Y| omega^2 beyond the included terms, 1/kg: 1 over the mass that moves there.
+
+        Y is position over force.
+        """
         first = (2 * self.terms + 1) * math.pi
         device = self.device
         mode = device.resonance

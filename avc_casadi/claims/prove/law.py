@@ -81,7 +81,11 @@ class ContactLaw:
 
     @cached_property
     def _series(self) -> tuple[Polynomial, Polynomial]:
-        """Return numerator and denominator of force over the coupling's input position, in z - 1."""
+        """Return numerator and denominator of force over the coupling's input position, polynomials in z - 1, exactly.
+
+        Coupling b, k and wall b_e, k_e are in series, with the contact damper b_p beside: with kappa = k + b/T and
+        kappa_e alike, the series has kappa kappa_e/(kappa + kappa_e). Numbers are fractions, without rounding.
+        """
         t = Fraction(self.sample_time_s)
         b_e = Fraction(self.wall_damping_ns_per_m)
         k_e = Fraction(self.wall_stiffness_n_per_m)
@@ -128,7 +132,7 @@ class ContactLaw:
 
     @property
     def state_space(self) -> Law:
-        """The law as the loops see it."""
+        """The law as the loops see it: matrices of the rendering behind its observer, from position to force."""
         wall = SampledLoop(
             device_damping_ns_per_m=0.0,
             environment_damping_ns_per_m=self.wall_damping_ns_per_m,
@@ -203,7 +207,7 @@ def _observer(law: StateFeedback) -> ObserverTransfer:
 
 
 def _inside(polynomial: Polynomial) -> bool:
-    """Return by Schur and Cohn whether all roots lie inside the unit circle."""
+    """Return whether all roots of a polynomial lie inside the unit circle, by Schur and Cohn, in exact fractions."""
     while polynomial and polynomial[0] == 0:
         polynomial = polynomial[1:]
     if not polynomial:

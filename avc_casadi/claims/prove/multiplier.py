@@ -127,7 +127,11 @@ def verify(
     most_cells: int = MOST_CELLS,
     progress: Progress = SILENT,
 ) -> Verification:
-    """Decide whether Re{M (1 + P C1 - C2)} > 0 for every angle of [0, pi] and every hand of the box."""
+    """Decide whether Re{M (1 + P C1 - C2)} > 0 for every angle of [0, pi] and every hand of the box.
+
+    M is the multiplier, P the plant, C1 and C2 the law from position and from its own force. Cells of angle and hand
+    are bounded by discs, and bisected until every bound is positive or one is not; `most_cells` ends it.
+    """
     coefficients = tuple(_discs(part) for part in law.transfer)
     ends = np.array(list(device.ranges.values()))
     # Just above pi: the real part repeats there.
@@ -209,7 +213,10 @@ class _Bounds(NamedTuple):
 def _bounds(
     coefficients: tuple[list[Disc], ...], device: SampledPlantBox, multiplier: Multiplier, cells: _Cells
 ) -> _Bounds:
-    """Bound the real part in cells: at the middle, over the cell, and its decrease along each number."""
+    """Return bounds of the real part in cells of angle and hand: at the middle, over the cell, and its slopes.
+
+    They are rigorous: discs with their rounding, and the bound of the aliases that the plant leaves out.
+    """
     low = cells.low
     high = cells.high
     middle = 0.5 * (low + high)

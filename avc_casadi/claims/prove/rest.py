@@ -164,7 +164,11 @@ def prove_rest(
     seed: int = 0,
     progress: Progress = SILENT,
 ) -> Rest:
-    """Prove rest, refute it, or give the reason why it is open."""
+    """Return whether every hand of a box comes to rest with a law that is clipped last, and why.
+
+    It is refuted by a hand whose linear loop is unstable, and proved by a multiplier that is verified over all angles
+    and hands; else it is open.
+    """
     start_s = time.perf_counter()
 
     def answer(outcome: Outcome, ground: Ground, **more: Any) -> Rest:
@@ -184,7 +188,7 @@ def prove_rest(
 
 
 def _unstable(law: ContactLaw, device: Device, hand: Mapping[str, tuple[float, float]], seed: int) -> Unstable | None:
-    """Return the hand with the largest spectral radius in contact, among corners and draws, where that exceeds 1."""
+    """Return the hand and device of the largest spectral radius in contact, of corners and draws, if it is above 1."""
     ends = np.array(list(hand.values()))
     corners = np.stack([grid.ravel() for grid in np.meshgrid(*ends, indexing="ij")])
     draws = np.random.default_rng(seed).uniform(ends[:, :1], ends[:, 1:], (len(ends), _DRAWS))
@@ -199,7 +203,7 @@ def _unstable(law: ContactLaw, device: Device, hand: Mapping[str, tuple[float, f
 
 
 def _not_covered(law: ContactLaw, contact: Contact, device: Device) -> tuple[NotCovered, ...]:
-    """Return what of law, contact and device this proof does not know."""
+    """Return what of law, contact and device the proof does not know: play, a gated contact, a dead zone."""
     play_m = max(device.backlash_m, *(device.range.backlash_m or (0.0,)))
     dead_zone_m = 0.0 if law.state_feedback is None else law.state_feedback.dead_zone_m
     not_covered = []
