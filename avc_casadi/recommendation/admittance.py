@@ -170,7 +170,11 @@ class _Choice(MassSpans):
         )
 
     def best(self, limit: float) -> VirtualImpedance | None:
-        """Return the law of least effort that has a disk margin and rests; None where there is none."""
+        """Return the law of least effort that has a disk margin and rests; None where there is none.
+
+        `limit` is the required disk margin. A scan of dampings is refined about the best until a hand feels no
+        difference.
+        """
         chosen = self._best_of(self._first_dampings, limit)
         ratio = self._first_dampings[1] / self._first_dampings[0]
         while chosen is not None and ratio > _FELT_RATIO:
@@ -190,6 +194,10 @@ class _Choice(MassSpans):
         return self.scales.dampings_ns_per_m[::_COARSE]
 
     def _best_of(self, dampings: FloatArray, limit: float) -> VirtualImpedance | None:
+        """Return the law of least effort over some dampings, each with its lightest mass; None where there is none.
+
+        The effort is at least the damping, N.s/m, so that heavier dampings than the least effort are not tried.
+        """
         best, least = None, math.inf
         for damping in dampings.tolist():
             if damping > least:
@@ -348,7 +356,10 @@ def _least_effort(
 
 
 def _at_own(analysis: HandleAnalysis, own: VirtualImpedance | None, limit: float) -> tuple[float | None, float | None]:
-    """Return the lightest sound mass at a law's damping, and the least sound damping at its mass."""
+    """Return the lightest sound mass, kg, at a law's damping, and the least sound damping, N.s/m, at its mass.
+
+    Each is None where there is none. `limit` is the required disk margin.
+    """
     if own is None:
         return None, None
     choice = _Choice.among(analysis, own)
@@ -361,7 +372,10 @@ def _at_own(analysis: HandleAnalysis, own: VirtualImpedance | None, limit: float
 def _better_devices(
     analysis: HandleAnalysis, law: VirtualImpedance, limit: float, stages: Stages
 ) -> Iterator[BetterDevice]:
-    """Yield what a better value of the device would allow, the least effort first."""
+    """Yield each change of the device that allows a law of less effort, with that law, the least effort first.
+
+    `limit` is the required disk margin; each change is a stage.
+    """
     problem = analysis.problem
     found = []
     for key, factor in _CHANGES.items():

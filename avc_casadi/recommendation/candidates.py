@@ -51,7 +51,11 @@ _SOFTEST = -26
 
 
 def judge_all(problem: Problem, evaluator: Evaluator, limit: DampingRange, progress: Progress = SILENT) -> None:
-    """Judge candidates for the wall, the plainest first; softer ones only where none holds it."""
+    """Judge candidates for the wall, the plainest first: springs and dampers, observer laws, softer walls, tuned gains.
+
+    `limit` is the stiffest wall that a spring and damper renders. Each kind is tried only where those before leave the
+    motion off the wall's, or settle with no hand.
+    """
     wall, plainly = problem.environment.stiffness_n_per_m, limit.stiffness_n_per_m
     if wall <= plainly:
         plain = list(springs_and_dampers(problem))
@@ -67,7 +71,10 @@ def judge_all(problem: Problem, evaluator: Evaluator, limit: DampingRange, progr
 
 
 def judge_softer_walls(problem: Problem, evaluator: Evaluator, plainly_n_per_m: float) -> None:
-    """Judge laws that render a softer wall, where none renders the wall itself, then springs with a damper."""
+    """Judge laws that render a share of the wall, where none renders it whole, then springs with a damper.
+
+    `plainly_n_per_m` is the stiffness that springs and dampers hold linearly; only laws of more than that are tried.
+    """
     wall = problem.environment.stiffness_n_per_m
     for share in _SOFTER_LAWS:
         has_law = any(candidate.coupling.runtime.state_feedback is not None for candidate in evaluator.complete())
@@ -83,7 +90,11 @@ def judge_softer_walls(problem: Problem, evaluator: Evaluator, plainly_n_per_m: 
 def stiffest_rendered(
     problem: Problem, limit: DampingRange, evaluator_of: Callable[[Problem], Evaluator], progress: Progress = SILENT
 ) -> tuple[Problem, Evaluator, Reason]:
-    """Return the stiffest wall, to a fifth, before which a coupling is complete, its couplings, and why no stiffer."""
+    """Return the problem with the stiffest wall, to a fifth, that a complete coupling renders, its couplings, and why.
+
+    Walls differ by a factor of 1.2. The reason is the flaw of the next stiffer wall. `limit` is the stiffest wall of a
+    spring and damper, `evaluator_of` makes the judge of a problem.
+    """
     about = limit.stiffness_n_per_m or 1e3 * softest_wall_n_per_m(problem.device)
     stages = Stages(progress, _USUAL_WALLS)
 
@@ -119,7 +130,7 @@ def stiffest_rendered(
 
 
 def springs_and_dampers(problem: Problem) -> Iterator[Coupling]:
-    """Yield the wall itself without a coupling, then rigid couplings with a contact damper."""
+    """Yield the wall itself without a coupling, then rigid couplings with a contact damper b_p, the largest first."""
     wall, rigid = problem.environment, near_rigid_n_per_m(problem.device)
     yield Coupling.constant(problem, Gains(0.0, rigid), "none")
 
@@ -131,7 +142,7 @@ def springs_and_dampers(problem: Problem) -> Iterator[Coupling]:
 
 
 def softened(problem: Problem, rendered_n_per_m: float) -> Iterator[Coupling]:
-    """Yield springs with a damper that render a wall at a stiffness, the nearest in motion first."""
+    """Yield springs with a damper before the wall that render a stiffness, N/m, the nearest in motion first."""
     if not 0 < rendered_n_per_m < problem.environment.stiffness_n_per_m:
         return
     spring = spring_before(problem, rendered_n_per_m)
@@ -191,7 +202,10 @@ def laws(problem: Problem, rendered_n_per_m: float) -> Iterator[list[ProgramAnsw
 
 
 def with_widths(coupling: Coupling) -> Iterator[Coupling]:
-    """Yield a law with the narrowest dead zone, then wider ones, until a hand in motion would notice the width."""
+    """Yield a law with the narrowest dead zone, then wider ones, until a hand in motion would notice the width.
+
+    A law without encoder steps has none. Where the narrowest is not deployable the wider ones are not tried.
+    """
     law = coupling.runtime.state_feedback
     if law is None or law.dead_zone_m == 0:  # a device without encoder steps
         yield coupling
@@ -236,7 +250,11 @@ def behind_observer(couplings: Iterable[Coupling]) -> Iterator[Coupling]:
 
 
 def _dampers(problem: Problem, stiffness_n_per_m: float, damper: Callable[[float], Coupling]) -> list[Coupling]:
-    """Return the couplings of the least damping that has each disk margin, or the widest there is; the widest first."""
+    """Return couplings with the least damping that has each of some disk margins, the most damping first.
+
+    `damper` makes a coupling of the total damping b_p + b_e, N.s/m. Margins are 4, 3, 2, 1.5 and 1 times the required
+    one, or the widest there is; dampings are shares of the stable range at `stiffness_n_per_m`.
+    """
     stable = damping_range(PlantFamily.of(problem), stiffness_n_per_m)
     if np.isnan(stable.lowest_ns_per_m):
         return []

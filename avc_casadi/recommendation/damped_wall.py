@@ -72,7 +72,10 @@ def damped_wall(coupling: Coupling) -> DampedWall | None:
 
 
 def _damped_couplings(problem: Problem) -> Iterator[Coupling]:
-    """Yield couplings to walls with a damper, the nearest to the declared wall first."""
+    """Yield couplings to walls with a damper, N.s/m, the nearest to the declared wall first.
+
+    First the wall with a damper, rendered as it is and by observer laws, then a softer one with it.
+    """
     family = PlantFamily.of(problem)
     wall = problem.environment
     damper = proposed_damper_ns_per_m(family, wall.stiffness_n_per_m)
@@ -92,7 +95,10 @@ def _rendered_directly(problem: Problem) -> Coupling:
 
 
 def _reached(declared: Problem, coupling: Coupling) -> DampedWall | None:
-    """Return what a coupling to a damped wall reaches; None where its disk margin is too small to deploy it."""
+    """Return damping, settling time and error of a coupling to a damped wall; None where its disk margin is too small.
+
+    The error is |Z_h - Z|/max(|Z|, |Z_e|) against the declared wall, at 1 and 10 Hz.
+    """
     if OpenLoop.of(coupling).quick_disk_margin < DISK_MARGIN:
         return None
     of_loops = transients(coupling)

@@ -67,7 +67,10 @@ class Group:
 
 
 def groups_beyond(problem: Problem, required: Robustness, seed: int, count: int = 60) -> tuple[Group, ...]:
-    """Return hands on each device with an unmodelled effect, and with the grip of the device where [hands] is none."""
+    """Return groups of hands that try devices with one unmodelled effect each, and a grip where [hands] is another.
+
+    `required` are the effects of [robustness]; each group has so many hands.
+    """
     device, hands = problem.device, people_of(problem.hands, count, seed)
     groups = [
         Group(hands, effect.device, effect.effects, effect.key, effect.value) for effect in unmodelled(device, required)
@@ -85,6 +88,10 @@ class Evaluator:
     """
 
     def __init__(self, problem: Problem, request: Request, *, within: float = math.inf) -> None:
+        """Draw the hands, devices and groups by which every coupling of the problem is judged.
+
+        `within` is the error in motion, a share, beyond which a coupling is not tried.
+        """
         self.candidates: list[Candidate] = []
         self.considered = 0
         seed = request.seed
@@ -108,7 +115,10 @@ class Evaluator:
         self._with_more_friction = problem.device.model_copy(update={"coulomb_friction_n": friction_n})
 
     def __call__(self, coupling: Coupling) -> Candidate | None:
-        """Return the coupling with its trials; None where it is not deployable, or further off in motion than asked."""
+        """Return the coupling with its trials; None where it is not deployable, or further off in motion than asked.
+
+        Some hands try it first, all of them where these settle, then groups beyond the trial.
+        """
         self.considered += 1
         expected = max(USUAL_COUPLINGS, self.considered + 1)
         self._progress.advance(self.considered - 1, expected, f"couplings, {coupling.method}")
@@ -124,7 +134,10 @@ class Evaluator:
         return candidate
 
     def _tried_beyond(self, coupling: Coupling) -> tuple[BoolArray, ...]:
-        """Return which hands settle beyond the trial, corner hands that strike first, until too few do."""
+        """Return which hands of each group settle beyond the trial, until too few of one do.
+
+        Corner hands strike first, then loose grips, then for a law devices off the file, then each unmodelled effect.
+        """
         # A loop that is stable at full gain need not be at the lower one of a force that is clipped.
         struck = residual_speeds(coupling, self._corners, ("strike", "hit", "slam")) < 1
         if not struck.all():
@@ -182,7 +195,10 @@ class Evaluator:
         return min((candidate.distance for candidate in self.complete()), default=math.inf)
 
     def _confirmed(self, candidate: Candidate) -> Candidate:
-        """Try a coupling with all hands, then with others on devices of the ranges: selection among many is biased."""
+        """Return a candidate tried by all hands, and by others on devices of the ranges.
+
+        The best of many is chosen by the hands of its trial, which favours luck: others confirm it.
+        """
         coupling, trial = candidate.coupling, candidate.trial
         if trial.hands < len(self._hands):
             trial = self._trial(coupling, self._hands)
@@ -222,7 +238,11 @@ class UnmodelledTrial:
 
 
 def unmodelled_trials(coupling: Coupling, seed: int = 0) -> tuple[UnmodelledTrial, ...]:
-    """Return the trials of a coupling, each with one unmodelled effect."""
+    """Return how many hands settle with a coupling on devices with one unmodelled effect each.
+
+    They are counted without dry friction, and with it where some do not settle. Effects are those of [robustness] and
+    usual ones.
+    """
     problem = coupling.problem
     given = {key: value for key, value in vars(problem.robustness).items() if value is not None}
     trials = []
@@ -264,7 +284,7 @@ class PerturbedDevices(Document):
 
 
 def try_perturbed_devices(coupling: Coupling, seed: int = 0) -> PerturbedDevices | None:
-    """Return a trial of the corner hands on the perturbed devices with which the loop is the least stable."""
+    """Return a trial of hands on devices a tenth off the file with which the loop is the least stable; None if none."""
     devices, radii = least_stable_devices(coupling)
     if not devices:
         return None

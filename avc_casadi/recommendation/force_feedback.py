@@ -145,7 +145,10 @@ def _rounded_down(gain: float) -> float:
 
 
 def _largest_gain(analysis: SensorAnalysis, law: SensedLaw, limit: float) -> float:
-    """Return the gain up to which every gain of a scan has a disk margin, by bisection; 0 where none has."""
+    """Return the gain of the force up to which every gain of a scan has a disk margin of `limit`; 0 where none has.
+
+    It is bisected in the logarithm.
+    """
 
     def is_sound(gain: float) -> bool:
         return analysis.rough_margin(_with_gain(law, gain)) >= limit
@@ -177,7 +180,7 @@ def _confirmed_gain(analysis: SensorAnalysis, law: SensedLaw) -> float:
 
 
 def _larger_gains(analysis: SensorAnalysis, law: SensedLaw, gain: float, stages: Stages) -> Iterator[LargerGain]:
-    """Yield the changes that allow a larger gain."""
+    """Yield each change of device or law that allows a gain larger than `gain`, with that gain; each is a stage."""
     problem = analysis.problem.model_copy(update={"law": law})
     for key, factor in _CHANGES.items():
         stages.begin(f"with another {key.rpartition('.')[2]}")

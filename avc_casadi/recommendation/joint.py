@@ -146,7 +146,7 @@ class _JointSearch:
         return float(self.family.places["mass_kg"].max())
 
     def stiffest(self) -> tuple[JointDesign | None, bool]:
-        """Return the stiffest design that a search of the ranges does not refute, and whether it is the limit."""
+        """Return the stiffest design, kp and kd, that no search of the ranges refutes, and whether it is the limit."""
         self._narrow()
         for _ in range(_SEARCHES):
             gains, limited = self._stiffest_gains()
@@ -165,7 +165,11 @@ class _JointSearch:
         self.family.narrow(JointGains(kp, kd, self.difference), DISK_MARGIN)
 
     def _stiffest_gains(self) -> tuple[JointGains | None, bool]:
-        """Return the largest kp that is sound with some kd, and whether a larger one is not."""
+        """Return the largest kp that is sound with some kd, and whether a larger one is not.
+
+        Values of kp, N/m, are those at which the heaviest joint turns by small to large angles, sqrt(kp/m) T, in a step
+        T.
+        """
         step_s = float(self.family.places["step_s"].max())
         slowest, fastest = (self.heaviest_kg * (turn / step_s) ** 2 for turn in (_SLOWEST_RAD, _FASTEST_RAD))
         last = None
@@ -177,7 +181,7 @@ class _JointSearch:
         return last, False
 
     def _edge(self, sound: JointGains, unsound_kp: float) -> JointGains:
-        """Return the sound gains of the largest kp, the kd of each near that of the one before."""
+        """Return the sound gains of the largest kp below an unsound one, by bisection; kd is near the one before."""
         for _ in range(_BISECTIONS):
             middle = math.sqrt(sound.kp * unsound_kp)
             stiffer = self._sound(middle, sound.kd * np.geomspace(*_NEAR_DAMPERS))
@@ -218,7 +222,7 @@ class _JointSearch:
         return JointDesign(gains, ratio, self.family.disk_margin(gains))
 
     def _damped(self, kp: float) -> JointGains | None:
-        """Return kp with the least kd that is stable and damps it well; None where none does."""
+        """Return kp with the least kd that is stable and damps it well, by scan and bisection; None if none does."""
         dampers = self._dampers(kp)
         damped = self._are_damped(kp, dampers)
         if not damped.any():

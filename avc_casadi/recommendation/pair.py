@@ -108,6 +108,7 @@ class PairDesign:
     """Stages of a usual design: the limit, its gain margin, a trial, the certificate."""
 
     def __init__(self, problem: Problem, request: Request) -> None:
+        """Find the stiffest stable coupling to the end, and the stiffness K, N/m, that the problem asks for."""
         self.problem = problem
         self.request = request
         self._stages = Stages(request.progress, self.stages)
@@ -131,7 +132,7 @@ class PairDesign:
         return None if plan is None else self._stiffest_settled(plan)
 
     def recommendation(self, best: Settled) -> PairRecommendation:
-        """Return the answer with a coupling."""
+        """Return the answer with a coupling: its certificate, margins, trial, and the impedance at the handle."""
         problem, gains = self.problem, best.gains
         self._stages.begin("certificate and margins")
         certificate = self.certificate(gains)
@@ -216,7 +217,11 @@ class PairDesign:
         return try_end(self.problem.end, self.problem, gains, hands, self.request.seed, screen=screen)
 
     def _stiffest_settled(self, plan: TrialPlan) -> Settled | None:
-        """Return the stiffest coupling with which all hands settle, without dry friction if one of two more does."""
+        """Return the stiffest coupling of a plan with which all hands settle; None where none does.
+
+        Few hands try each damper of a K first, then all; K falls by a factor. One that settles only by dry friction is
+        taken where the next two K bring none that settles without.
+        """
         problem, search = self.problem, self.search
         hands = people_of(problem.hands, self.request.hands, self.request.seed)
         first_hands = hands.pick(slice(0, FEW_HANDS))
@@ -333,7 +338,7 @@ class FollowerDesign(PairDesign):
         return TrialPlan(self._first_n_per_m, 5, 0.85) if wanted is None else TrialPlan(wanted, 2, 1.0)
 
     def certificate(self, gains: ToolGains) -> TeleoperatorCertificate:
-        """Return the certificate of gains: margins, and passivity of the two-port."""
+        """Return stability margins of a spring and dampers, and the passivity margin of the two-port, N.s/m."""
         margins = self.search.margins(gains)
         passivity_margin_ns_per_m, _ = self._passivity(gains)
         return TeleoperatorCertificate(
@@ -363,7 +368,10 @@ class FollowerDesign(PairDesign):
         return StiffnessNotReached(self.wanted_n_per_m, self.stiffest.stiffness_n_per_m)
 
     def _passivity(self, gains: ToolGains) -> tuple[float | None, float | None]:
-        """Return the passivity margin of the two-port and the damping that passivity needs; None where not known."""
+        """Return the passivity margin of the two-port and the device damping that passivity needs, N.s/m.
+
+        Both are None where they are not known: of position-force, and of different sample times.
+        """
         follower, leader = self.follower, self.problem.device
         far, t = follower.at_leader(), leader.sample_time_s
         if follower.architecture != "position-position" or not math.isclose(t, far.sample_time_s, rel_tol=1e-9):

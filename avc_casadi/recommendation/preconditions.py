@@ -47,7 +47,10 @@ _NOT_OF_TELEOPERATORS = ("coulomb_friction_n", "position_noise_rms_m", "backlash
 
 
 def why_infeasible(problem: Problem) -> Reason | None:
-    """Return why no coupling is deployable at any gains; None where one may be."""
+    """Return why no coupling to the wall is deployable at any gains; None where one may be.
+
+    Causes are no mass, no force of the wall, too much delay, a damper above its stability limit, unstable detents.
+    """
     device, wall = problem.device, problem.environment
     if device.mass_kg == 0:
         return NoMass(to_wall=True)
@@ -69,7 +72,11 @@ def why_infeasible(problem: Problem) -> Reason | None:
 
 
 def nothing_rendered(problem: Problem, rendered_n_per_m: float, trial: CouplingTrial) -> NothingRendered | None:
-    """Return why nothing of the wall is rendered to a hand; None where something is."""
+    """Return why nothing of the wall is rendered to a hand; None where something is.
+
+    One encoder step may command more than a press, a press may saturate, or dry friction may hold the device.
+    `rendered_n_per_m` is the static stiffness that the coupling renders.
+    """
     device = problem.device
     # A robot that no hand holds is not pressed.
     if problem.environment.stiffness_n_per_m == 0 or not max(problem.hands.stiffness_n_per_m):
@@ -91,7 +98,10 @@ def nothing_rendered(problem: Problem, rendered_n_per_m: float, trial: CouplingT
 
 
 def assumed(problem: Problem, devices: int = 1) -> tuple[Assumption, ...]:
-    """Return the assumptions; other hands try so many devices of the ranges."""
+    """Return the assumptions behind a recommendation: hands, what the device does not declare, ranges, and doubts.
+
+    `devices` is how many devices of the ranges are tried by hands.
+    """
     assumptions: list[Assumption] = [Simplification.LINEAR_HANDS, *_undeclared_with(problem.end, problem)]
     if problem.detent is not None:
         assumptions.append(Simplification.NO_DETENTS_IN_TRIAL)
@@ -143,7 +153,7 @@ def _undeclared_with_follower(end: Follower, problem: Problem) -> list[Undeclare
 
 
 def _missing(device: Device, *, friction: bool) -> list[UndeclaredValue]:
-    """Return what a device does not declare."""
+    """Return which of amplifier, resonance, dry friction, encoder and force limit a device does not declare."""
     ranges = device.range
     missing = []
     if device.amplifier_bandwidth_hz is None:

@@ -169,7 +169,11 @@ def error_in_motion(coupling: Coupling) -> float:
 
 
 def best_of(candidates: list[Candidate], *, lean_on_friction: bool = False) -> Candidate:
-    """Return the best: by safety, vibration threshold, distance; of those as near the plainest without a late push."""
+    """Return the best: by safety, vibration threshold and distance; of those as near the plainest without a late push.
+
+    Safety says with how many hands, and whether only by friction, it settles; `lean_on_friction` counts the latter as
+    safe. Quieter and stiffer ones, and those likely to have a proof of rest, come first.
+    """
 
     def safety(candidate: Candidate) -> Safety:
         return max(candidate.safety, Safety.BY_FRICTION) if lean_on_friction else candidate.safety

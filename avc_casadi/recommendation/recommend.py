@@ -131,6 +131,6 @@ def judged_as_recommended(
     versions: Mapping[str, str] | None = None,
     progress: Progress = SILENT,
 ) -> WallRecommendation:
-    """Certify and try the gains of a method as `recommend` does its own, whatever the verdict."""
+    """Return the gains of a method certified and tried by hands, as `recommend` does its own, whatever the verdict."""
     refuse_counts(hands_count(hands))
     return judged(Coupling.from_schedule(problem, gains, versions=versions), gains, hands, progress)

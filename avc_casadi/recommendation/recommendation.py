@@ -259,7 +259,7 @@ class NoWallCoupling(_ToWall, NoCoupling):
     )
 
     def document(self) -> dict[str, Any]:
-        """Return the JSON document, which has the keys of one with a coupling."""
+        """Return the JSON document, which has the keys of one with a coupling, null or empty."""
         return super().document() | {
             "rest": None,
             "felt": {"stiffness_n_per_m": None, "share_of_wall": None},
@@ -372,7 +372,7 @@ class NoPair(NoCoupling):
     JSON_KEYS: ClassVar = (*Recommendation.JSON_KEYS, "coupling")
 
     def document(self) -> dict[str, Any]:
-        """Return the JSON document, which has the keys of one with a coupling."""
+        """Return the JSON document, which has the keys of one with a coupling, null or empty."""
         without: dict[str, Any] = {"gain_margin": None, "motor_margins": [], "set_by": "", "mismatch_stable": None}
         return super().document() | {
             "felt": {"stiffness_n_per_m": None, "on_stiffest_contact_n_per_m": None, "at": []},
@@ -416,7 +416,7 @@ class PairRecommendation(Recommendation):
         return "" if self.pair.stiffer is None else worded(self.pair.stiffer, self.problem.units)
 
     def document(self) -> dict[str, Any]:
-        """Return the JSON document."""
+        """Return the JSON document: the coupling, its limits and margins, and its gains in the units of either end."""
         return super().document() | {
             "coupling": coupling_document(self.coupling),
             "pair": plain_table(

@@ -91,7 +91,10 @@ def _unstable(search: EndSearch, end: End) -> Reason | None:
 
 
 def no_press_renders(problem: Problem) -> NothingRendered | None:
-    """Return why no press of a hand of the ranges meets a rendered wall, whatever the coupling; None where one may."""
+    """Return why no press of a hand of the ranges meets a rendered wall, whatever the coupling; None where one may.
+
+    Dry friction may hold the device against the strongest hand's press, or the weakest press may saturate the force.
+    """
     device = problem.device
     hands = problem.hands
     wall_n_per_m = problem.environment.stiffness_n_per_m

@@ -80,7 +80,11 @@ class FrequencySweep:
 def frequency_sweep(
     coupling: Coupling, rendered_n_per_m: float, frequency_hz: Sequence[float] | FloatArray = (1.0, 10.0, 50.0)
 ) -> FrequencySweep:
-    """Return the impedance rendered to the excited handle in the wall, by describing function (Gelb 1968)."""
+    """Return the impedance rendered to the excited handle in the wall, by describing function (Gelb 1968).
+
+    A sine moves the handle by an amplitude, m, at each frequency, Hz; the force at that frequency is what counts. A few
+    rounds make the motion of the sensor agree with the force.
+    """
     device = coupling.problem.device
     heard = below_quarter_rate(device, np.array(frequency_hz))
     excitation = HandExcitation.of(device, stiffness_at_handle(device, rendered_n_per_m))
@@ -98,7 +102,11 @@ def frequency_sweep(
 
 
 def _force_in_sweep(coupling: Coupling, depth_m: float, amplitude_m: FloatArray, each_hz: FloatArray) -> ComplexArray:
-    """Return commanded force over measured position for imposed sines of the sensor, N/m, shape (n,)."""
+    """Return commanded force over measured position for imposed sines of the sensor, N/m, complex, shape (n,).
+
+    The sensor goes to `depth_m`, then swings by `amplitude_m` at each frequency; both signals are weighed by a Hann
+    window and compared at that frequency.
+    """
     ramp_s = 0.25  # into the wall
     settled_s = 2.0  # until the transient has decayed
     end_s = 4.0  # of the record
@@ -118,7 +126,10 @@ def _force_in_sweep(coupling: Coupling, depth_m: float, amplitude_m: FloatArray,
 def _led(
     coupling: Coupling, position_m: FloatArray, fastest_hz: float = 0.0, *, exact: bool = False
 ) -> tuple[FloatArray, FloatArray]:
-    """Return position and commanded force for an imposed motion, with an ideal actuator; `exact` without steps."""
+    """Return measured position, m, and commanded force, N, for an imposed motion of the sensor; an ideal actuator.
+
+    `fastest_hz` is the fastest sine of the motion; `exact` leaves the encoder's steps out.
+    """
     # What lies between command and handle is linear and computed analytically.
     changed: dict[str, Any] = {"delay_samples": 0, "max_force_n": None}
     if exact:
@@ -167,7 +178,10 @@ def _imposed(
 
 
 def contact_onset_m(coupling: Coupling) -> dict[float, float | None]:
-    """Return the depth at which force sets in, by speed of the hand; None where none does within `REACHED_M`."""
+    """Return the depth, m, at which a force of `NOTICED_N` sets in, by the speed of the hand, m/s.
+
+    None where it does not within `REACHED_M`. A stiff grip goes into the wall at each of the speeds of a strike.
+    """
     from_m, radius = -0.04, coupling.problem.device.metres_per_unit
     # A grip stiff enough that the wall does not slow the hand.
     hand = Hand(np.array([1.0]), np.array([600.0]), np.array([1e5])).at_handle(radius)
@@ -248,7 +262,10 @@ def creep(coupling: Coupling) -> Creep | None:
 
 
 def rebound(coupling: Coupling, *, at_face: bool = False) -> dict[float, float]:
-    """Return exit speed of the released device's handle over approach speed, by that; or over that at the face."""
+    """Return exit speed of the released device's handle over its approach speed, by that, m/s.
+
+    With `at_face` it is over the speed at the wall's face. The larger of with and without dry friction counts.
+    """
     setup, radius = Setup.of(coupling), coupling.problem.device.metres_per_unit
     setups = (setup, setup.without(FRICTION)) if setup.rough else (setup,)
     shares: dict[float, float] = {}
@@ -259,7 +276,10 @@ def rebound(coupling: Coupling, *, at_face: bool = False) -> dict[float, float]:
 
 
 def _strikes(setup: Setup, speed_m_per_s: float, *, at_face: bool, strikes: int = 32, steps: int = 200) -> FloatArray:
-    """Return the rebound of each strike, the wall's face anywhere between two encoder steps, shape (strikes,)."""
+    """Return exit over approach speed of each strike, the wall's face anywhere between two encoder steps, (strikes,).
+
+    The device starts away from the wall, so fast that with friction and damping it arrives at `speed_m_per_s`.
+    """
     device = setup.problem.device
     friction_n = device.coulomb_friction_n if setup.rough else 0.0
     far = 0.03 / device.metres_per_unit  # enough for an observer to know the speed before the wall
@@ -298,7 +318,10 @@ class Ripple:
 
 
 def ripple(coupling: Coupling, seed: int = 0) -> Ripple:
-    """Return the ripple in steady motion, prescribed first, then by hands whose target moves."""
+    """Return the force ripple of slow motion in the wall: its rms, N, prescribed, and how many hands feel none.
+
+    Hands move their targets slowly; those count whose vibration is below the threshold of touch.
+    """
     radius, drawn_s = coupling.problem.device.metres_per_unit, 1.5
     speeds = [speed / radius for speed in SLOW_M_PER_S]
     prescribed_n = {speed: _ripple_n(coupling, speed) for speed in speeds}
@@ -309,7 +332,7 @@ def ripple(coupling: Coupling, seed: int = 0) -> Ripple:
 
 
 def _ripple_n(coupling: Coupling, speed_per_s: float) -> float:
-    """Return the rms force ripple of the encoder on a handle in prescribed motion in the wall."""
+    """Return the rms force, N, that encoder steps add on a handle in prescribed motion in the wall."""
     device = coupling.problem.device
     if device.encoder_resolution_m == 0:
         return 0.0
@@ -343,7 +366,7 @@ class Deployed:
 
 
 def deployed(coupling: Coupling) -> Deployed:
-    """Return the responses of a coupling."""
+    """Return the responses of a coupling that are plotted: sweep, presses of the corner hands, loop gain and impact."""
     problem = coupling.problem
     device, period = problem.device, problem.device.sample_time_s
     hands = PlantFamily.of(problem).held
@@ -401,7 +424,7 @@ class RenderedPair(Document):
 
     @classmethod
     def of(cls, coupling: Coupling, points: tuple[RenderedPoint, ...]) -> Self:
-        """Return what a coupling renders, with its impedance by frequency."""
+        """Return what a coupling renders, N/m: K, K in series with the stiffest contact, and points by frequency."""
         device = coupling.problem.device
         k = coupling.gains.stiffness_n_per_m
         contact = coupling.end.stiffest_contact_n_per_m
@@ -472,7 +495,11 @@ def rendered_band(problem: Problem, gains: ToolGains) -> tuple[tuple[RenderedPoi
 def rendered_pair(
     problem: Problem, gains: ToolGains, frequencies_hz: Sequence[float] = (1.0, 10.0)
 ) -> tuple[RenderedPoint, ...]:
-    """Return the impedance at the handle of the nominal device, of the heaviest tool or the follower."""
+    """Return mass, damping and stiffness at the handle at each frequency, with their errors: free and held.
+
+    Of the nominal device with the heaviest tool or the follower. Frequencies, Hz, above a quarter of the sample rate
+    are left out.
+    """
     device, far = problem.device, nominal_end(problem.end, problem)
 
     def at(frequency_hz: float) -> RenderedPoint:

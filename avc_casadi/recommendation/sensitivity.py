@@ -59,7 +59,7 @@ class WallSensitivity(Sensitivity):
 
 
 def what_would_help(problem: Problem) -> tuple[WallSensitivity, ...]:
-    """Return the limit of a plain spring and damper after each change, most effective first."""
+    """Return the stiffest wall, N/m, of a spring and damper after each change of the device, most effective first."""
     if problem.environment.stiffness_n_per_m == 0:
         return ()
     changes = [
@@ -70,7 +70,10 @@ def what_would_help(problem: Problem) -> tuple[WallSensitivity, ...]:
 
 
 def _linear_changes(device: Device) -> dict[Change, dict[str, Any]]:
-    """Return improvements that linear stability captures, one at a time, with the keys that change."""
+    """Return changes of a device that linear stability shows, with the keys that change, one at a time.
+
+    Half the sample time, twice damping and mass, no delay, no lag of the amplifier, no resonance.
+    """
     keys: dict[Change, dict[str, Any]] = {Change.HALF_SAMPLE_TIME: {"sample_time_s": device.sample_time_s / 2}}
     for change, key in ((Change.TWICE_DAMPING, "damping_ns_per_m"), (Change.TWICE_MASS, "mass_kg")):
         value, interval = getattr(device, key), getattr(device.range, key)
@@ -106,7 +109,7 @@ class Trade:
 
 
 def trade_off(problem: Problem, progress: Progress = SILENT) -> tuple[Trade, ...]:
-    """Return the points of a wall at disk margins that differ, each from the last; empty where there is no law."""
+    """Return error, margin and ripple of observer laws at some disk margins, each found from the last; or none."""
     margins = TRADED_MARGINS
     none = problem.detent is not None or why_no_law(problem)
     answer = None if none else next(iter(program_answers(problem, margins[0])), None)
@@ -129,7 +132,10 @@ _WORTH_SAYING = 1.02  # times the present limit: twice what the rough search of 
 
 
 def what_would_help_tool(problem: Problem, search: ToolSearch, *, local: bool) -> tuple[Sensitivity, ...]:
-    """Return the sensitivities of the stiffness limit, largest first."""
+    """Return the stiffest K, N/m, of a tool after each change that raises it, largest first.
+
+    Changes are of engine, exchange and tool; with `local` false also a damper of the device's own loop.
+    """
     tool, t = problem.end_as(Simulation), problem.device.sample_time_s
     step_s, hands = max(tool.step_s), search.loops.worst_hands
     changes: dict[Change, dict[str, Any]] = {}
@@ -191,7 +197,7 @@ def _most_samples(tool: Simulation, sample_time_s: float) -> int:
 
 
 def same_stiffness(problem: Problem, stiffness_n_per_m: float, *, local: bool) -> dict[str, Any]:
-    """Return the lightest tool, the slowest step and the exchanges with which K is stable, and the gains of each."""
+    """Return the lightest tool, kg, slowest step, s, and exchanges with which K is stable, and the gains of each."""
     tool, t = problem.end_as(Simulation), problem.device.sample_time_s
 
     @cache
@@ -219,7 +225,7 @@ def same_stiffness(problem: Problem, stiffness_n_per_m: float, *, local: bool) -
 
 
 def _lightest_kg(tool: Simulation, holds: Callable[[float], object]) -> float | None:
-    """Return the lightest tool that holds, searched from the declared mass down, or up."""
+    """Return the lightest tool, kg, that `holds`, searched from the declared mass down, or up; None if none does."""
     lightest, mass, heaviest = _masses_kg(tool)
     before = lightest
     while not holds(mass):
@@ -246,7 +252,7 @@ def _between(holds: Callable[[float], object], low: float, high: float) -> float
 
 
 def _slowest(most: int, holds: Callable[[int], object]) -> int:
-    """Return the most samples of a step up to which it holds; 0 where not even one does."""
+    """Return the most samples of a step, up to `most`, up to which it `holds`; 0 where not even one does."""
     good, bad = 0, 1
     while good < most and holds(bad):
         good, bad = bad, min(2 * bad, most)

@@ -70,7 +70,7 @@ class WallDesign:
         return self._evaluator.best()
 
     def recommendation(self, best: Candidate) -> WallRecommendation:
-        """Return the answer with a coupling."""
+        """Return the answer with a coupling: certificate, trials beyond the file, limits, and why it is the best."""
         request, problem = self.request, self.problem
         mismatched = self._crew.begin(partial(try_perturbed_devices, best.coupling, request.seed))
         unmodelled = self._crew.begin(partial(unmodelled_trials, best.coupling, request.seed))
@@ -117,7 +117,10 @@ class WallDesign:
 def _shortfall(
     problem: Problem, best: Candidate, beyond: tuple[UnmodelledTrial, ...], *, by_friction: bool
 ) -> tuple[Decision, Reason | None]:
-    """Return whether a linearly stable coupling passes its trials, and why not."""
+    """Return whether a linearly stable coupling passes its trials, and why not: nothing rendered, or unsettled hands.
+
+    `by_friction` counts hands that settle only by dry friction.
+    """
     nothing = nothing_rendered(problem, best.coupling.static_stiffness_n_per_m, best.trial)
     if nothing is not None:
         return Decision.NOTHING_RENDERED, nothing
@@ -132,7 +135,7 @@ def _shortfall(
 def with_rest(
     certificate: DeployedCertificate, coupling: Coupling, progress: Progress = SILENT
 ) -> tuple[DeployedCertificate, LimitCycleFreedom]:
-    """Return the certificate of a coupling with L7, where that takes a second or two, and the result."""
+    """Return a certificate with L7, the proof of rest, where that takes a second or two, and what it says."""
     proof = certificate.certificate.levels.get("L7")
     if proof is None:
         proof = quick_rest_level(coupling, progress)
@@ -143,7 +146,7 @@ def with_rest(
 
 
 def judged(coupling: Coupling, schedule: GainSchedule, hands: int, progress: Progress) -> WallRecommendation:
-    """Return the answer for the coupling of a schedule, whatever the verdict."""
+    """Return the coupling of a schedule certified and tried by so many hands, whatever the verdict."""
     problem = coupling.problem
     certificate, rest = with_rest(certify_deployed(coupling, progress), coupling, progress)
     tried = try_coupling(coupling, people_of(problem.hands, hands), 0, progress)
