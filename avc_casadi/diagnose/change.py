@@ -29,7 +29,10 @@ _FELL_LN = 3.0
 
 
 def cause_of(hypothesis: Hypothesis, law: FittedLaw, log: Log, swing: Oscillation, design: IntendedLaw) -> str:
-    """Return the change with which the loop of one rate settles: a key of `CAUSES`, or other."""
+    """Return the change with which the fitted loop settles, a key of `CAUSES`, or other.
+
+    They are tried in turn: finer encoder, quicker clock, no resonance, no delay, a hand, less damping or stiffness.
+    """
     if stable(hypothesis, law):
         return "encoder" if swing.steps < FEW_STEPS else OTHER
     slower = (design.known and design.samples_a_tick(log) > 1) or log.hold > 1

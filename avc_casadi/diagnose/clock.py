@@ -78,7 +78,10 @@ def usual_step(steps: FloatArray) -> float:
 
 
 def ticks_between(steps: FloatArray, usual: float) -> IndexArray:
-    """Return the ticks from row to row: missing ones stand apart, a scattering clock has steps of 1.5 periods too."""
+    """Return the number of ticks from row to row of a log, from the steps of its time and a usual one, s.
+
+    Rows that are missing count as ticks. A clock that scatters has steps of 1.5 periods too, which count as one.
+    """
 
     def share_of(limits: tuple[float, float], period: float) -> float:
         low, high = limits
@@ -117,7 +120,10 @@ class Clock:
 
 
 def clock_of(position: FloatArray, force: FloatArray) -> Clock:
-    """Return the clock of a force that is held while the position changes (no relay), else that of the samples."""
+    """Return the clock of a force that is held while the position changes (no relay), else that of the samples.
+
+    `position` and `force` are those at the samples; the clock has its period and first tick in samples.
+    """
     moves = np.diff(position) != 0
     changes = np.flatnonzero(np.diff(force) != 0) + 1
     if np.unique(force).size < _FEWEST_FORCES or changes.size < _FEWEST_CHANGES:
@@ -163,7 +169,10 @@ def _uneven_clock(changes: IndexArray) -> Clock | None:
 
 
 def _clock_near(changes: IndexArray, frequency: float) -> Clock | None:
-    """Return the clock of changes near a frequency, ticks a sample; None where too many changes are none of it."""
+    """Return the clock of changes of the force near a frequency, ticks a sample; None where too many are none of it.
+
+    `changes` are the samples at which the force changes. A line through them gives period and phase.
+    """
     turn = float(np.angle(np.sum(np.exp(2j * np.pi * frequency * changes)))) / (2 * np.pi)
     ticks = np.round(changes * frequency - turn)
     if not np.ptp(ticks):

@@ -88,7 +88,10 @@ def find_filtered_sign(force: FloatArray, position: FloatArray, rows: IndexArray
 
 
 def _refined(trial: FilteredSign, residual: Callable[[FilteredSign], float], step: float) -> FilteredSign:
-    """Return a trial with time constant and width refined in turn: both are searched between their neighbours."""
+    """Return a trial of filter and width of a sign of the speed, refined in turn to the least residual.
+
+    `step` is the factor between neighbours of the first scan; each round searches between the last ones.
+    """
     spread = math.log(step)
     for _ in range(_REFINEMENTS):
         factors = np.exp(spread * np.linspace(-1, 1, 9)).tolist()

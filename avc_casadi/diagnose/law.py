@@ -204,7 +204,11 @@ class FittedLaw:
 
 
 def find_law(log: Log, swing: Oscillation, limit_n: float | None, friction_n: float) -> FittedLaw | None:
-    """Return the law that explains the force best, whether it does or not; None without enough samples in contact."""
+    """Return the law that explains the force best, whether it does or not; None without enough samples in contact.
+
+    Spring and damper come first, then a dead zone, a part that a sign switches, and parts of two rates. Samples at the
+    force limit are left out; `friction_n` is the friction that a switched force may compensate.
+    """
     size = np.abs(log.force_n)
     largest = float(size.max(initial=0.0))
     if not largest:
@@ -315,7 +319,10 @@ def _law(log: Log, reading: _Reading, sign: FloatArray | None = None, *, filtere
 
 
 def _by_means(force: FloatArray, reading: _Reading, fit: Regression, reading_variance: float) -> Regression:
-    """Return the fit to means over many rows, where a coarse position tells more of the damper by them."""
+    """Return the regression on means over many rows where that tells the damper more exactly, else the given one.
+
+    A coarse encoder hides the speed from row to row, but not over many. `reading_variance` is that of a reading, m^2.
+    """
     rows = reading.rows
     position = reading.position_m
     change = reading.change_m
@@ -340,7 +347,7 @@ def _by_means(force: FloatArray, reading: _Reading, fit: Regression, reading_var
 
 
 def _plain(log: Log, use: BoolArray) -> Iterator[FittedLaw]:
-    """Yield spring and damper of each reading, with a filter of the velocity and without."""
+    """Yield the spring and damper, k x + b v, fitted to each reading of the position, with v filtered and not."""
     for (lag, age, now, before), filtered in itertools.product(_readings(log), (False, True)):
         rows = _rows_of_lag(log.ran, use, lag)
         rows = rows[use[rows - 1]] if filtered else rows
@@ -381,7 +388,7 @@ def _readings(log: Log) -> Iterator[tuple[int, float, FloatArray, FloatArray]]:
 
 
 def _with_dead_zone(log: Log, use: BoolArray) -> Iterator[FittedLaw]:
-    """Yield spring and damper of each reading, with a dead zone of the spring."""
+    """Yield the spring with a dead zone and the damper, fitted to each reading of the position."""
     for lag, age, now, before in _readings(log):
         rows = _rows_of_lag(log.ran, use, lag)
         if rows.size < _FEWEST:
@@ -396,7 +403,10 @@ def _with_dead_zone(log: Log, use: BoolArray) -> Iterator[FittedLaw]:
 
 
 def _relays(log: Log, use: BoolArray, friction_n: float) -> Iterator[FittedLaw]:
-    """Yield laws with a part that a sign switches."""
+    """Yield laws with spring, damper and a part that the sign of position, speed or force switches.
+
+    The part matters to the range of the force, or compensates friction.
+    """
     for lag in range(_MOST_LAG + 1):
         rows = _rows_of_lag(log.ran, use, lag)
         if rows.size < _FEWEST_SWITCHED:
@@ -450,7 +460,11 @@ def _switches(log: Log, reading: _Reading, lag: int) -> Iterator[tuple[Switch, F
 
 
 def _edges(force: FloatArray, position: FloatArray, rows: IndexArray, lag: int) -> list[tuple[float, float]]:
-    """Return where the position may switch the force, m: at one edge, or at two with a dead band between them."""
+    """Return pairs of positions, m, between which the force may switch: one edge, or two with a dead band.
+
+    Edges lie where the force jumps and spring and damper do not explain it. `lag` is how many ticks old the position
+    is.
+    """
     rows = rows[np.isin(rows - 1, rows)]
     if rows.size < _FEWEST_EDGE_ROWS:
         return []
@@ -492,7 +506,7 @@ def _edge(low: FloatArray, high: FloatArray) -> float:
 
 
 def _two_rates(log: Log, at_limit: BoolArray) -> Iterator[FittedLaw]:
-    """Yield laws whose spring or damper is new once a frame and the other part at every tick."""
+    """Yield laws whose spring or damper is computed once a frame of ticks and the other part at every tick."""
     if log.missed_share > _MOST_DROPPED:
         return
     use = log.ran & log.touching & ~at_limit
@@ -521,7 +535,10 @@ def _frame_reading(log: Log, rows: IndexArray, frame_rows: IndexArray, lag: int,
 
 
 def _frame(log: Log, at_limit: BoolArray, lag: int, slow: str) -> tuple[int, int] | None:
-    """Return the ticks of a frame and its first tick: beside the fast part the force jumps in one phase only."""
+    """Return the ticks of a frame and its first tick, where the slow part of the force jumps in one phase only.
+
+    The fast part has the median gain of force over motion from tick to tick; None where there is no such frame.
+    """
     force, position = log.force_n, log.position_m
     use = log.ran & log.touching
     fast = position if slow == "damper" else np.diff(position, prepend=position[0])

@@ -32,7 +32,7 @@ class SampledMotion:
 
     @classmethod
     def of(cls, hypothesis: Hypothesis, period_s: float) -> SampledMotion:
-        """Return the motion of a device and its hand."""
+        """Return the motion of device and hand of a hypothesis over ticks of `period_s`, velocities in m a tick."""
         plant = sampled_plant(hypothesis.device, hypothesis.hand or released_hand())
         scale = np.array([period_s if name.endswith("_per_s") else 1.0 for name in plant.names])
         matrix = plant.matrix[0, 0] * scale[:, None] / scale

@@ -239,7 +239,7 @@ class Log:
         return replace(self, force_n=np.interp(ticks, ticks[self.ran], self.force_n[self.ran]))
 
     def by_samples(self) -> Log:
-        """Return the log on the grid of its samples, from the first tick on."""
+        """Return the log on the grid of its samples, from the first tick on; a force is held until the next tick."""
         held = np.diff(self.rows, append=self.samples_m.size)
         rows = np.arange(self.samples_m.size)
         return replace(
@@ -255,7 +255,7 @@ class Log:
 
 
 def log_of(columns: Columns, *, flip_force: bool = False) -> tuple[Log, list[str]]:
-    """Return the longest stretch of a log without a pause on its grid, and notes for the user."""
+    """Return the longest stretch of a log without a pause, on the ticks of its force, and notes for the user."""
     notes = list(columns.notes)
     steps = np.diff(columns.time_s)
     usual_step_s = usual_step(steps)
@@ -434,7 +434,7 @@ def samples_alike(residual: FloatArray) -> float:
 
 
 def _above(log: Log, cut_off_hz: float) -> Oscillation:
-    """Return the oscillation of the position above a frequency."""
+    """Return the oscillation of the position above a frequency, Hz, by extremes of the high-passed position."""
     period, n = log.period_s, log.position_m.size
     fast = log.position_m - log.position_m.mean()
     if cut_off_hz * period <= _HIGH_PASS_LIMIT and cut_off_hz * n * period >= 1:
@@ -455,7 +455,7 @@ def _above(log: Log, cut_off_hz: float) -> Oscillation:
 
 
 def _turns(fast: FloatArray, least_swing: FloatArray) -> IndexArray:
-    """Return the ticks of alternating extremes, each so far from the one before, m."""
+    """Return the ticks of alternating extremes of a motion, each at least `least_swing`, m, from the one before."""
     turns: list[int] = []
     high = low = 0
     rising: bool | None = None
@@ -472,7 +472,10 @@ def _turns(fast: FloatArray, least_swing: FloatArray) -> IndexArray:
 
 
 def _even_run(turns: IndexArray, swings: FloatArray) -> slice | None:
-    """Return the turns of the strongest run of even cycles, or None; a run that lasts to the end counts twice."""
+    """Return the turns of the strongest run of even cycles, or None; `swings` are the ways between turns, m.
+
+    The strength is the sum of squared speeds; a run that lasts to the end counts twice.
+    """
     if turns.size < _GROWING_TURNS:
         return None
     cycles = turns[2:] - turns[:-2]
@@ -491,7 +494,7 @@ def _even_run(turns: IndexArray, swings: FloatArray) -> slice | None:
 
 
 def _measure(log: Log, none: Oscillation, turns: IndexArray, *, even: bool) -> Oscillation:
-    """Measure the oscillation of some turning points; `none` where it hardly travels back."""
+    """Return kind, frequency and size of an oscillation with these turning points; `none` without a way back."""
     period, n = log.period_s, log.position_m.size
     sizes = np.abs(np.diff(none.fast_m[turns]))
     frequency_hz = (turns.size - 1) / 2 / (period * float(turns[-1] - turns[0]))
@@ -530,7 +533,10 @@ def _travels_back(log: Log, turns: IndexArray, sizes: FloatArray) -> bool:
 
 
 def _steady_from(log: Log, turns: IndexArray, sizes: FloatArray, late_size: float, frequency_hz: float) -> int | None:
-    """Return the tick from which on a swing that shrank keeps its size; None where it goes on shrinking."""
+    """Return the tick from which on a swing that shrank keeps its size; None where it goes on shrinking.
+
+    `sizes` are the ways between turning points, m, `late_size` those at the end: their logarithm has no slope there.
+    """
     steady_slope = _STEADY_RATE * frequency_hz
     for test in _STEADY_TESTS:
         if sizes.size <= test.turns or late_size <= test.resolved_steps * log.encoder_m:
@@ -571,7 +577,7 @@ def _swing(
 
 
 def _of_force(log: Log, none: Oscillation, limit_n: float | None) -> list[Oscillation]:
-    """Return what the force alone shows to the end of a log: a ripple that a few encoder steps make."""
+    """Return what the force alone shows in the last third of a log: a ripple that a few encoder steps make."""
     n, period = log.position_m.size, log.period_s
     begin = 2 * n // 3
     force, position = log.force_n[begin:], log.position_m[begin:]

@@ -66,7 +66,7 @@ def hand_unknowns(design: IntendedLaw) -> list[Unknown]:
 
 
 def delays_of(design: IntendedLaw, grid: Grid, lag: float) -> tuple[Unknown, Unknown]:
-    """Return the delay beside the lag of the law, periods: as declared, and longer."""
+    """Return the priors of the delay beside the lag of the law, periods of the grid: as declared, and longer."""
     ticks_a_sample = design.device.sample_time_s / grid.period_s
     least, most = design.delay_samples
     spread = math.hypot(_DELAY_SPREAD, (most - least) / math.sqrt(12))

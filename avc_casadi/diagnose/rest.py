@@ -27,7 +27,10 @@ _AT_LIMIT = 0.999
 
 
 def toggles_by_a_step(log: Log, swing: Oscillation, device: Device) -> bool:
-    """Return whether a swing is one step to either side that nobody feels, as it reads or as the force moves a mass."""
+    """Return whether a swing is one encoder step to either side, whose vibration nobody feels.
+
+    At each frequency the smaller motion counts: as it reads, or as the force moves the mass, F/(m omega^2).
+    """
     later_half = slice((swing.first + swing.last) // 2, swing.last)
     position, force = log.position_m[later_half], log.force_n[later_half]
     read = np.fft.rfft(position)
@@ -39,7 +42,7 @@ def toggles_by_a_step(log: Log, swing: Oscillation, device: Device) -> bool:
 
 
 def rests(log: Log, swing: Oscillation, limit_n: float | None) -> bool:
-    """Return whether a motion in contact comes to rest, and not at the force limit."""
+    """Return whether a motion in contact comes to rest, by its envelope, m, and not at the force limit."""
     envelope = swing.envelope_m
     late, most = float(np.median(envelope[-max(envelope.size // 5, 5) :])), float(envelope.max())
     still = _STILL_STEPS * log.encoder_m

@@ -64,7 +64,10 @@ class RunComparison:
 
 
 def compared_with(coupling: Coupling, law: FittedLaw | None, swing: Oscillation, log: Log) -> RunComparison:
-    """Compare the fitted law of a log with a coupling to a wall, which should have run."""
+    """Return whether the fitted law of a log is the coupling to a wall that should have run: k, b and sample time.
+
+    Differences within the errors of the fit, and within a share of k and b and k T, are allowed.
+    """
     swings = swing.kind != "none" and math.isfinite(swing.frequency_hz) and swing.frequency_hz > 0
     stiffness, damping = spring_and_damper(coupling, swing.frequency_hz if swings else _SLOW_HZ)
     why_not = _why_not(coupling, law)
@@ -100,6 +103,7 @@ def spring_and_damper(coupling: Coupling, frequency_hz: float) -> tuple[float, f
 
 
 def _why_not(coupling: Coupling, law: FittedLaw | None) -> WhyNotCompared | None:
+    """Return why spring and damper of a log are not those of a coupling; None where they compare."""
     runtime = coupling.runtime
     if runtime.state_feedback is not None:
         return WhyNotCompared.FEEDBACK

@@ -68,7 +68,7 @@ def _begin_of(log: Log, swing: Oscillation) -> int:
 
 
 def windows_of(log: Log, swing: Oscillation, grid: Grid) -> list[Window]:
-    """Return the end of the oscillation and its beginning, where they are apart."""
+    """Return the stretches of a log that a plant is fitted to: end and beginning of the swing, where they are apart."""
     period, n, before = log.period_s, log.position_m.size, int(MOST_DELAY * grid.a_tick) + 2
     cycles_s = max(_WINDOW_S, _WINDOW_CYCLES / swing.frequency_hz)
     size = int(min(cycles_s / period, _WINDOW_MOST, n - before))
