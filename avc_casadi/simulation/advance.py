@@ -45,7 +45,10 @@ class PlantSymbols:
         return None if target is None else (target[0] + target[1] * (self._sample_time_s * share), target[1])
 
     def rates(self, state: list[Expr], force: Expr, target: Any) -> list[Expr]:
-        """Return the change of the state per sample, without dry friction."""
+        """Return the change of the state in a sample, A x + B F + the hand's pull to its target, without friction.
+
+        The target is position and velocity of what the hand aims at.
+        """
         rates = self.free_rates(state)
         if force is not None:
             rates[self._force[0]] += self._force[1] * force
@@ -118,7 +121,10 @@ class MatrixExponential:
         return list(ca.vertsplit(x))
 
     def _through(self, tick: Tick, stretch: _Stretch, x: Expr, force: Expr, target: Any) -> Expr:
-        """Return the state after a stretch."""
+        """Return the state x after a stretch of the sample by exact transitions x+ = A x + B F + C target in substeps.
+
+        Dry friction acts as an impulse in each substep, which at most stops the device.
+        """
         n = x.numel()
         name = stretch.name
         matrix = tick.parameter(name, ca.Sparsity.dense(n, n))
@@ -142,7 +148,7 @@ class MatrixExponential:
         return x
 
     def parameters(self, plant: LinearPlant, sample_time_s: float) -> FloatArray:
-        """Return the transition matrices, columns first, as CasADi stores them."""
+        """Return the transition matrices of each stretch, of state, force, target and friction, columns first."""
         parts = []
         for stretch in self._stretches:
             step_s = sample_time_s * stretch.share / self.substeps
@@ -175,7 +181,11 @@ class TaylorSeries:
 
     @classmethod
     def of(cls, plant: LinearPlant, sample_time_s: float, friction_n: float, substeps: int) -> TaylorSeries:
-        """Choose the order, and more substeps where the plant is fast."""
+        """Choose the order of the power series of exp(A h), and more substeps h where the plant is fast.
+
+        Raises:
+            UnsupportedError: more than `_MOST_SUBSTEPS` would be needed.
+        """
         order = _order(plant, sample_time_s / substeps)
         while order > _HIGHEST_ORDER and substeps <= _MOST_SUBSTEPS:
             substeps *= 2
@@ -194,7 +204,7 @@ class TaylorSeries:
         return cls(entries, force_row, int(rows[0]) if len(rows) else None, friction_n, substeps, order)
 
     def parameters(self, plant: LinearPlant, sample_time_s: float) -> FloatArray:
-        """Return the numbers as changes in one sample, shape (..., p), in the order of `PlantSymbols`."""
+        """Return the entries of the plant, its force, target and friction, as changes in one sample, shape (..., p)."""
         columns = [plant.matrix[..., row, column] for row, column in self.entries]
         columns.append(plant.force[..., self.force_row])
         if self.target_row is not None:
@@ -212,7 +222,10 @@ class TaylorSeries:
         return self._through(plant, middle, drive.force, plant.target_after(drive.target, drive.late), 1.0 - drive.late)
 
     def _through(self, plant: PlantSymbols, state: list[Expr], force: Expr, target: Any, duration: Expr) -> list[Expr]:
-        """Return the state after a stretch, its duration a share of the sample."""
+        """Return the state after a stretch, whose duration is a share of the sample, by power series between events.
+
+        Events are changes between sliding and sticking, of which two are located in a substep.
+        """
         part = duration / self.substeps
         for _ in range(self.substeps):
             remaining = part
@@ -297,7 +310,10 @@ def _mode(plant: PlantSymbols, state: list[Expr], force: Expr, target: Any, brea
 
 
 def _first_zero(powers: list[Expr], remaining: Expr) -> Expr:
-    """Return where a polynomial that is not negative at 0 becomes negative, or `remaining`."""
+    """Return where a polynomial, given by its powers, that is not negative at 0 becomes negative, or `remaining`.
+
+    A parabola through the end gives a guess, which bracketed Newton steps refine.
+    """
     value, slope = powers[0], powers[1]
     # The parabola with this value and slope, through the end.
     curve = ((_horner(powers, remaining) - value) / remaining - slope) / remaining
@@ -327,7 +343,7 @@ def _horner(powers: list[Expr], time: Expr) -> Expr:
 
 
 def _order(plant: LinearPlant, step_s: float) -> int:
-    """Return the power beyond which the terms of exp(A h) are negligible, with velocities in metres a step."""
+    """Return the power n beyond which the terms (A h)^n/n! of exp(A h) are negligible, A the plant and h a step, s."""
     scale = time_scale(plant, step_s)
     matrix = plant.matrix * step_s * scale[:, None] / scale
     term = np.eye(plant.states)

@@ -55,7 +55,7 @@ def build_effects(problem: Problem) -> tuple[SceneEffect, ...]:
 
 
 def _clashes(effects: list[SceneEffect]) -> list[str]:
-    """Return what is wrong with effects of incompatible numbers."""
+    """Return which effects exclude each other by their numbers: jitter and part delays, filter and engine, backlash."""
     messages = []
     has_engine = any(isinstance(effect, EngineEffect) for effect in effects)
     has_backlash = any(isinstance(effect, Backlash) for effect in effects)
@@ -95,6 +95,7 @@ def target_of(motion: Motion, samples: int, sample_time_s: float) -> Target:
 
 
 def _position(motion: Motion, time: FloatArray) -> FloatArray:
+    """Return the position, m, of what the hand aims at over time, s: hold, tap, free swing, press, press and swing."""
     start, end = motion.start_m, motion.end_m
     if motion.kind == "hold":
         return np.full(time.shape, end)
@@ -162,7 +163,7 @@ class CompiledScene:
         return np.array(columns, dtype=np.float64).reshape(len(columns), self.samples)
 
     def parameter_values(self, gains: Gains) -> FloatArray:
-        """Return the parameters of every hand, shape (hands, parameters)."""
+        """Return the parameters of every hand, shape (hands, parameters): of effects, coupling, and the plant."""
         parts = [effect.numbers for effect in self.effects if effect.station < Station.ENVIRONMENT]
         if self.coupled and self.environment is not None:
             parts.append(
@@ -186,6 +187,11 @@ def compile_scene(
 
 
 def _compile(problem: Problem, effects: tuple[SceneEffect, ...], gains: Gains) -> CompiledScene:
+    """Return one sample of a scene as a compiled function, with the data that its runs share.
+
+    The mechanics give the state; the control computer's effects give the force in the order of their stations; a scheme
+    then advances the plant to the next sample.
+    """
     sample_time_s = problem.device.sample_time_s
     samples = max(1, round(problem.scene.duration_s / sample_time_s))
     target = target_of(problem.scene.motion, samples, sample_time_s)
@@ -228,7 +234,7 @@ def _compile(problem: Problem, effects: tuple[SceneEffect, ...], gains: Gains) -
 
 
 def _environment_of(effects: tuple[SceneEffect, ...], gains: Gains, table: GainTable | None) -> Environment | None:
-    """Return the environment of a scene with the contact law that holds for these gains; None where it has no force."""
+    """Return the wall of a scene with the contact law that holds for these gains; None where it gives no force."""
     environment = next((effect.environment for effect in effects if isinstance(effect, SceneWall)), None)
     if environment is None:
         return None
@@ -258,7 +264,7 @@ def _function_of(tick: Tick) -> Any:
 
 
 def mechanics_of(problem: Problem, effects: tuple[SceneEffect, ...]) -> LinearPlant:
-    """Return the plant."""
+    """Return the linear plant of device, hand, resonance and what else effects add, without contact and friction."""
     plant = Plant()
     plant.add_mass(DEVICE, problem.device.mass_kg)
     plant.join(DEVICE, GROUND, 0.0, problem.device.damping_ns_per_m)
@@ -299,7 +305,7 @@ def _measured_position(problem: Problem, effects: tuple[SceneEffect, ...], tick:
 def _sample(
     tick: Tick, effects: tuple[SceneEffect, ...], environment: Environment | None, *, coupled: bool, damped: bool
 ) -> None:
-    """Add the control computer, station by station."""
+    """Add the effects of the control computer to a sample: those before the wall, its force, then those behind it."""
     for effect in effects:
         if effect.station < Station.ENVIRONMENT:
             effect.sample(tick)
@@ -315,7 +321,10 @@ def _sample(
 
 
 def _advance(problem: Problem, effects: tuple[SceneEffect, ...], plant: LinearPlant, tick: Tick) -> Advance:
-    """Return the scheme from one sample to the next: the scene's integrator, where there is a choice."""
+    """Return the scheme that advances the plant by a sample: a matrix exponential, or a power series.
+
+    The series is for dry friction that is not projected, and for forces whose arrival varies.
+    """
     friction = sum(effect.table.force_n for effect in effects if isinstance(effect, CoulombFriction))
     integrator, substeps = problem.scene.integrator, problem.scene.substeps
     constant = tick.late if isinstance(tick.late, float) else 0.0

@@ -53,7 +53,11 @@ class Environment:
 def coupling_parameters(
     damping_ns_per_m: ArrayLike, stiffness_n_per_m: ArrayLike, environment: Environment, rate_gain_per_s: float
 ) -> FloatArray:
-    """Return b/kappa, 1/kappa and the stiffness in series over one sample, shape (..., 3)."""
+    """Return b/kappa, 1/kappa and kappa kappa_e/(kappa + kappa_e), kappa = k + b r, shape (..., 3).
+
+    r is `rate_gain_per_s`, 1/T by the backward difference: over a sample a coupling b, k is the spring kappa with a
+    memory, and kappa_e is the wall's. A rigid coupling is infinite k.
+    """
     b, k = np.broadcast_arrays(np.asarray(damping_ns_per_m, np.float64), np.asarray(stiffness_n_per_m, np.float64))
     kappa = k + b * rate_gain_per_s
     kappa_e = environment.stiffness_n_per_m + environment.damping_ns_per_m * rate_gain_per_s
@@ -66,7 +70,10 @@ def coupling_parameters(
 
 
 def wall_force(tick: Tick, environment: Environment, *, rigid: bool, damped: bool) -> Expr:
-    """Add coupling, environment and contact damper by the contact law and return the force on the device."""
+    """Return the force of coupling, wall and contact damper on the device by the contact law, N, positive against +x.
+
+    Their states are added to the sample.
+    """
     force = _series_force(tick, environment, rigid=rigid)
     if damped:
         # The rate of the penetration would miss a part of the velocity at the first sample of a contact, and light
@@ -82,7 +89,10 @@ def wall_force(tick: Tick, environment: Environment, *, rigid: bool, damped: boo
 
 
 def _series_force(tick: Tick, environment: Environment, *, rigid: bool) -> Expr:
-    """Return f."""
+    """Return the force f of coupling and wall in series, N, before the one-sided contact.
+
+    Over a sample both are springs with memories: f = series (x - what the coupling remembers - what the wall does).
+    """
     x, by_law = tick.position, environment.by_law
     k_e = environment.stiffness_n_per_m
     b_e = environment.damping_ns_per_m
@@ -146,7 +156,7 @@ class _Link:
 
 
 def _link(tick: Tick, stretch: Rate, kappa_e: Expr, environment: Environment) -> _Link:
-    """Return the coupling over one sample: parameters of a run, or from the current gains."""
+    """Return memory, compliance and series stiffness of the coupling over one sample, of a run or of current gains."""
     if tick.adapt is None:
         return _Link(
             memory=tick.parameter("coupling_memory_s"),
@@ -166,7 +176,7 @@ def _link(tick: Tick, stretch: Rate, kappa_e: Expr, environment: Environment) ->
 
 
 def _spring_energy(tick: Tick, environment: Environment, deflection: Expr, rate_gain_per_s: Expr, link: _Link) -> Expr:
-    """Return the energy of the coupling's spring that the hand can recover."""
+    """Return the energy of the coupling's spring that the hand can recover, J: k deflection^2/2."""
     if environment.one_sided:
         deflection = environment.by_law(ca.fmax(deflection, 0), deflection)
     if tick.adaptive is not None:

@@ -194,7 +194,7 @@ def _instructions(function: Any) -> Iterator[tuple[str, list[int], list[int], in
 
 
 def in_lanes(function: Any, operands: Sequence[str], results: Sequence[str]) -> str:
-    """Return the C of a function in lanes, to follow `LANES_HEAD`."""
+    """Return the C of a CasADi function over parallel lanes, a statement an instruction, to follow `LANES_HEAD`."""
     lines = []
     for name, sources, to, index in _instructions(function):
         if name == "INPUT":

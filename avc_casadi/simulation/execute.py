@@ -136,7 +136,7 @@ def compile_ahead(scene: CompiledScene, runs: int) -> None:
 
 @lru_cache(maxsize=_CACHE)
 def _compile(function: Any, speeds: int) -> Future[ctypes.CDLL]:
-    """Start to compile the loop of a sample, cached: the text of its C takes as long as some runs."""
+    """Start to compile the loop over samples of a scene as C in lanes; return its future; results are cached."""
     body = in_lanes(function, ("now[{}]", "SPREAD(u[{}])", "p[{}]"), ("next[{}]", "traces[{}]"))
     sizes = {
         "states": function.numel_in(0),
@@ -161,6 +161,7 @@ def _compilation(source: str, path: str | None) -> Future[ctypes.CDLL]:
 
 
 def _library(source: str, path: str | None) -> ctypes.CDLL:
+    """Return the loaded shared library of C source, compiled by the compiler at a path; errors of the compiler rise."""
     if path is None:
         raise FileNotFoundError("no C compiler: neither $CC nor cc is there")
     with tempfile.TemporaryDirectory(prefix="avc-scene-", ignore_cleanup_errors=True) as folder:
@@ -189,7 +190,10 @@ def execute(scene: CompiledScene, parameters: FloatArray, inputs: FloatArray) ->
 def execute_to_speed(
     scene: CompiledScene, parameters: FloatArray, inputs: FloatArray, *, workers: int = 1
 ) -> FloatArray:
-    """Run a scene once for every row of the parameters; return the residual speeds, without traces in C."""
+    """Run a scene once for every row of the parameters; return the residual speeds over that of rest, (runs,).
+
+    No traces are kept in the compiled C, which takes less memory.
+    """
     native = _native(scene, len(parameters))
     if native is not None:
         first = scene.samples - window_samples(scene.samples, scene.sample_time_s)
@@ -233,6 +237,7 @@ def _native(scene: CompiledScene, runs: int) -> NativeScene | None:
 
 
 def _by_casadi(scene: CompiledScene, parameters: FloatArray, inputs: FloatArray) -> dict[str, FloatArray]:
+    """Run a scene once for every row of the parameters by CasADi's own loop; return traces, (runs, samples) by name."""
     loop = _loop(scene.function, scene.samples)
     signals = ca.DM(inputs)
     results = np.empty((len(parameters), len(scene.traces), scene.samples))

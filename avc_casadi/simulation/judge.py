@@ -36,7 +36,17 @@ def energy_ledger(
     anchor_m: ArrayLike = 0.0,
     potential_j: ArrayLike = 0.0,
 ) -> Ledger:
-    """Return the energy ledger of traces."""
+    """Return work absorbed by the device, energy stored in wall and coupling, and their difference over time, J.
+
+    Args:
+        position_m: positions, shape (..., samples).
+        force_n: forces on the device, positive against +x.
+        tool_m: positions of the tool between coupling and wall.
+        stiffness_n_per_m: of the coupling's spring.
+        environment: the wall; None in free space.
+        anchor_m: where the coupling's spring is relaxed.
+        potential_j: energy of detents.
+    """
     with np.errstate(over="ignore", invalid="ignore"):
         work = force_n[..., :-1] * np.diff(position_m, axis=-1)
         absorbed = np.concatenate([np.zeros((*work.shape[:-1], 1)), np.cumsum(work, axis=-1)], axis=-1)
@@ -189,7 +199,10 @@ def _ripple(force: FloatArray, sample_time_s: float) -> FloatArray:
 
 
 def _rate_hardness(depth: FloatArray, velocity: FloatArray, force: FloatArray, sample_time_s: float) -> FloatArray:
-    """Return the largest rise of the force after the first contact over the speed of approach, N/m."""
+    """Return the largest rise of the force after the first contact over the speed of approach, N/m, shape (...,).
+
+    Not a number where nothing is touched, or fewer than four samples are of the impact.
+    """
     # Of fewer than four samples of an impact the rise of its force is not resolved.
     if force.shape[-1] < 2 or sample_time_s * 4 > IMPACT_S:
         return np.full(force.shape[:-1], np.nan)

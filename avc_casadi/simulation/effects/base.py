@@ -85,7 +85,7 @@ class TableEffect(SceneEffect):
 
 
 def positive_number(value: float | None, problem: Problem, place: str, source: str = "") -> float:
-    """Return a number of a table, or what the device declares; one of both must be above 0."""
+    """Return a number of a table, or what the device declares as `source`; InputError unless one is above 0."""
     number: float | None = getattr(problem.device, source) if value is None and source else value
     if not number:
         state = "missing" if value is None else "0"

@@ -128,6 +128,10 @@ class Adaptation(SceneEffect, keys=AdaptationEffect, rank=150, of_coupling=True)
         tick.adapt = lambda deflection, one_sided: self._change(tick, target, rest, deflection, one_sided=one_sided)
 
     def _change(self, tick: Tick, target: list[Expr], rest: Expr, deflection: Expr, *, one_sided: bool) -> TickGains:
+        """Return the gains of this sample, on their way to the target within slew limit and passivity.
+
+        With passive change, the energy stored in coupling and wall limits how fast gains may rise.
+        """
         inputs = [*target, deflection]
         touching: Expr = 1
         if self.settings.passive:

@@ -36,6 +36,10 @@ class Detents(SceneEffect, keys=DetentEffect, rank=180):
         return cls(problem.detent)
 
     def sample(self, tick: Tick) -> None:
+        """Add the force of the detents, N: F sin(2 pi s) for |s| < 1/2, s the distance from the nearest over its width.
+
+        A damper acts everywhere, and the stored energy counts as the environment's.
+        """
         detent = self.detent
         turns = (tick.position - detent.centre_m) / detent.pitch_m
         share = (turns - ca.floor(turns + 0.5)) / detent.width
@@ -178,6 +182,11 @@ class EngineEffect(SceneEffect, keys=SimulationEffect, rank=155, role="environme
         return np.array([*self._numbers.values()])
 
     def sample(self, tick: Tick) -> None:
+        """Add engine and tool: at each step the tool moves, and K and B pull the device to what it receives.
+
+        A step between two samples reads the sample before. What the device receives is the tool's state or the force on
+        it.
+        """
         numbers = _EngineNumbers(**{name: tick.parameter(name) for name in self._numbers})
         k, b = numbers.coupling_n_per_m, numbers.coupling_ns_per_m
         moves = not math.isinf(self.state.mass_kg)

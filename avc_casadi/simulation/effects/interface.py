@@ -31,6 +31,7 @@ class Jitter(TableEffect, keys=JitterEffect, rank=220, scene_alone=True):
     """The new force is late by |e|, e Gaussian, at most one sample; in a dropped sample the computer does nothing."""
 
     def sample(self, tick: Tick) -> None:
+        """Let the new force act late by a drawn share of a sample; in a dropped sample the force before goes on."""
         if tick.command is None:
             return
         before = tick.state("force_before_n", computed=False)
@@ -122,7 +123,7 @@ class CommandNotch(TableEffect, keys=NotchEffect, rank=100, scene_alone=True):
         return super().build(table, problem, place)
 
     def section(self, sample_time_s: float) -> tuple[float, float, float, float, float]:
-        """Return b0, b1, b2, a1, a2 of the discrete filter."""
+        """Return b0, b1, b2, a1, a2 of the discrete notch, by Tustin's rule with the frequency prewarped."""
         half = math.tan(math.pi * self.table.frequency_hz * sample_time_s)
         wide, square = self.table.width * half, half * half
         whole = 1 + wide + square

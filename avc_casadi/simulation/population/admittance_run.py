@@ -72,7 +72,7 @@ class HandMotion:
     touches: bool = False
 
     def way(self, time_s: FloatArray) -> FloatArray:
-        """Return the way at some times."""
+        """Return the way at some times, s, in units of its largest: smooth moves, or sines in a smooth window."""
         place, way = self.start, np.full(time_s.shape, self.start)
         for begin_s, end in self.moves:
             way = way + (end - place) * _smooth((time_s - begin_s) / _MOVE_S)
@@ -161,6 +161,7 @@ class _Aim:
     """Where the hands of all lanes aim, sample by sample."""
 
     def __init__(self, task: HandTask, lanes: _Lanes, way_m: float, samples: int) -> None:
+        """Set up where the hands aim: so that the handle of law, handle and hand would follow the way of the motion."""
         hands, law = lanes.hands, task.law
         self._hands = hands
         self._period_s = period_s = task.device.sample_time_s
@@ -202,6 +203,7 @@ class _Computer:
     """The law with its sensor, sample by sample: noise, steps and range of the reading, limit of the velocity."""
 
     def __init__(self, task: HandTask, rest_n: FloatArray) -> None:
+        """Set up the law with its low pass, the sensor's noise, steps and range, and the limit of the velocity."""
         device = task.device
         cutoff_hz = task.law.cutoff_hz
         self._law = task.law
@@ -270,7 +272,7 @@ class HandleRecord:
         self.gap_m = np.where(released, 0.0, self.gap_m)
 
     def moves(self, handles: HandleLanes, *, released: bool, judged: bool) -> None:
-        """Note speeds and gaps after a sample."""
+        """Note speeds of drive and handle and the gap to a contact after a sample, for released and judged lanes."""
         speed = np.maximum(np.abs(handles.state[1]), np.abs(handles.state[-1]))
         self._touched |= handles.touching
         self.gap_m = np.maximum(self.gap_m, np.where(self._touched, -handles.state[-2], 0.0))
@@ -312,7 +314,7 @@ class TriedHands:
 
 
 def simulated(task: HandTask) -> TriedHands:
-    """Simulate all motions of some hands."""
+    """Simulate all motions of some hands on one device with its law, sample by sample; return what is seen of them."""
     device, lanes = task.device, _Lanes.of(task)
     period_s, way_m = device.sample_time_s, _way_m(task)
     samples = round((_MOTION_S + _rest_s(task, way_m)) / period_s)

@@ -225,6 +225,7 @@ def _largest(tried: Sequence[TriedHands], motion: str, seen: Callable[[HandleRec
 
 
 def _effort(tried: Sequence[TriedHands]) -> GuidingEffort:
+    """Return way, peak and rms force of guiding, and the median effort, rms force over rms speed, N.s/m."""
     squares = np.concatenate([part.of("guide", part.record.squares) / part.guided_samples for part in tried], axis=-1)
     force_n, speed_m_per_s = np.sqrt(squares)
     with np.errstate(divide="ignore", invalid="ignore"):  # a hand without spring and damper moves nothing

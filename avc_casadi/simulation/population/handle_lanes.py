@@ -121,6 +121,7 @@ class HandleLanes:
     """
 
     def __init__(self, device: AdmittanceDevice, hands: Hand, contacts: Hand) -> None:
+        """Set up the plants of each lane, with and without hand and contact, at rest, and the commands on their way."""
         sensor, period_s = device.force_sensor, device.sample_time_s
         self._plants = _Plants.of(device, hands, contacts)
         self._plant = np.full(len(hands), _HELD)
@@ -242,7 +243,7 @@ class _Passage:
             left_s[rows] -= self._step(rows, step_s, command[rows], watched=count < steps)
 
     def _step(self, rows: IndexArray, step_s: FloatArray, command: FloatArray, *, watched: bool) -> FloatArray:
-        """Advance some rows by a step, or until their handle touches or leaves; return the time that it took."""
+        """Advance rows by a step, s, by its power series, or until their handle touches or leaves; return the time."""
         terms = self._series(rows, step_s, command)
         share = np.ones(len(rows))
         if watched:

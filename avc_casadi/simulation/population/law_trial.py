@@ -192,7 +192,7 @@ def try_law(
 
 
 def _friction_levels_n(problem: Problem, *, friction: bool) -> dict[str, float]:
-    """Return the dry frictions that a law is tried at."""
+    """Return the dry frictions, N, that a law is tried at: declared, none, and for a compensation the least."""
     device, law = problem.device, problem.law
     declared_n = device.coulomb_friction_n
     if not friction or not declared_n:
@@ -359,7 +359,11 @@ class _Cycles:
 
     @classmethod
     def of(cls, block: Traces, window_s: float, rest_m: float) -> _Cycles:
-        """Return the turns of positions in the last `window_s` of traces; what is smaller than `rest_m` rests."""
+        """Return the turns of positions in the last `window_s` of traces; what is smaller than `rest_m` rests.
+
+        A turn is a crossing of the middle with a hysteresis. A swing is sustained where its size is kept and it turns
+        often.
+        """
         position = block.position_m if block.handle_m is None else block.handle_m
         last = position[..., -round(window_s / block.sample_time_s) :]
         low, high = last.min(axis=-1), last.max(axis=-1)

@@ -53,7 +53,10 @@ class Course(NamedTuple):
 
 
 def course_of(problem: Problem, more_s: float = 0.0) -> Course:
-    """Return the motions with a device, with a longer rest where device and hand oscillate by themselves, and more."""
+    """Return the motions with a device and their duration, s, with a longer rest where device and hand swing, and more.
+
+    The rest is longer by the decay time of device and hand; `more_s` is added.
+    """
     longer_s = float(np.clip(_decay_time_s(problem) - _TAP.rest_s, 0.0, LONGEST_S - TRIAL_S)) + more_s
     longer_s = _DURATION_STEP_S * float(np.ceil(longer_s / _DURATION_STEP_S))
     motions = {
@@ -80,7 +83,7 @@ def at_handle(motion: Motion, device: Device) -> Motion:
 
 
 def _decay_time_s(problem: Problem) -> float:
-    """Return the longest decay time of hand and device after a tap, by their poles."""
+    """Return the longest time in which the speed of hand and device decays to rest after a tap, s, by their poles."""
     device, corners = problem.device, hand_corners(problem.hands)
     hand = corners.pick(np.flatnonzero(corners.stiffness_n_per_m > 0))  # no oscillation without a spring
     mass = device.mass_kg + hand.mass_kg

@@ -47,7 +47,10 @@ def draw_hands(hands: Hands, count: int, seed: int, *, first: int = 0, training:
 
 
 def _uniform(entropy: list[int], first: int, count: int, columns: int) -> FloatArray:
-    """Draw a block of rows of an unbounded table, uniform in [0, 1)."""
+    """Return a block of rows of an unbounded table, uniform in [0, 1), (count, columns), from the row `first` on.
+
+    Any block of a seed has the same rows, however it is cut.
+    """
     if entropy[0] < 0:
         raise InputError.of(f"is {entropy[0]}; allowed: 0 or more", key="seed")
     rows = [np.empty((0, columns))]

@@ -153,7 +153,7 @@ class _ToolRun:
 def _move_tool(
     tool: Simulation, device: Device, scene: CompiledScene, parameters: FloatArray, inputs: FloatArray
 ) -> _ToolRun:
-    """Simulate hands that move a tool."""
+    """Simulate hands that move a tool; return which settle with the tool, and the largest force, N."""
     traces = execute(scene, parameters, inputs)
     verdict = Traces.of(traces, device).judge()
     last = window_samples(scene.samples, device.sample_time_s)
@@ -222,6 +222,7 @@ def _try_simulation(
     *,
     screen: bool,
 ) -> Trial:
+    """Return the trial of a coupling to a simulation: `screen` tries fewer motions."""
     return try_tool(problem, gains, hands, seed, SCREENING_WITH_TOOL if screen else WITH_TOOL)
 
 
@@ -235,13 +236,17 @@ def _try_follower(
     *,
     screen: bool,  # noqa: ARG001 - a teleoperator is tried as quickly as screened
 ) -> Trial:
+    """Return the trial of a coupling to a follower, with all motions."""
     return try_bilateral(problem, gains, hands, seed)
 
 
 def _newest(
     sender_s: float, receiver_s: float, delay_s: float, samples: int, jitter: float, loss: float, seed: int
 ) -> IndexArray:
-    """Draw the arrivals of a sender's messages; return the newest one at each of the receiver's samples."""
+    """Return the number of the newest message at each of the receiver's samples, -1 before the first.
+
+    Messages leave every `sender_s` and take `delay_s`, spread by `jitter`, a share of it; a share `loss` is lost.
+    """
     rng = np.random.default_rng(seed)
     count = int(np.ceil(samples * receiver_s / sender_s)) + 1
     arrival = np.arange(count) * sender_s + delay_s * (1 + jitter * rng.uniform(-1, 1, count))
@@ -257,6 +262,7 @@ class _Side:
     """One device in many parallel runs (lanes), advanced sample by sample."""
 
     def __init__(self, device: Device, hands: list[Hand], start_m: FloatArray) -> None:
+        """Set up one device with each of some hands in many lanes, at rest at `start_m`."""
         plants = [sampled_plant(device, hand) for hand in hands]
         self.maps = [tuple(part[0] for part in plant.with_forces_under_way()) for plant in plants]
         self.aims = [transition(device_plant(device, hand).linear(), device.sample_time_s).target for hand in hands]
@@ -276,7 +282,7 @@ class _Side:
         return np.asarray(np.round(position / self.step_m) * self.step_m if self.step_m > 0 else position)
 
     def move(self, which: BoolArray, force: FloatArray, target: FloatArray | None = None) -> None:
-        """Advance by a sample."""
+        """Advance by a sample: the commanded force, N, and the hand's target; `which` lanes have the second hand."""
         count, nexts = len(self.names), []
         for (matrix, push), aim in zip(self.maps, self.aims, strict=True):
             after = np.matmul(matrix, self.state[..., None])[..., 0] + push * force[:, None]
