@@ -155,7 +155,7 @@ class _File:
             self.ranges[key] = ends
 
     def take(self, base: DeviceFile, key: str, source: str = "") -> None:
-        """Take a value of the base, with its range and its source."""
+        """Put a value of the base into the file, with its range and source; a given `source` makes it assumed."""
         table = base.device.model_dump(exclude_none=True)
         base_source = base.sources.get(key)
         if source:
@@ -170,7 +170,7 @@ class _File:
 def device_file(
     result: Identification, base: DeviceFile | None, handle_radius_m: float | None = None
 ) -> DeviceFile | None:
-    """Return the device file, or None where mass or damping are known from nothing."""
+    """Return the device file of an identification, filled from a base; None where mass or damping are unknown."""
     file = _File({"sample_time_s": result.sample_time_s})
     if result.motion == "rotary":
         radius = handle_radius_m or (None if base is None else base.device.handle_radius_m)

@@ -127,7 +127,10 @@ _TICKS_PER_REPORT = 500
 def forecast(
     plan: Plan, devices: Sequence[Device], scales: Sequence[float] | FloatArray = (1.0,), progress: Progress = SILENT
 ) -> Forecast:
-    """Simulate a plan on devices of one structure, with the signal scaled."""
+    """Return the largest force, speed and stroke of a plan on each device at each scale of its signal, simulated.
+
+    Devices have one structure; arrays have shape (devices, scales).
+    """
     scales = np.asarray(scales)
     signal = plan.signal.units(plan.ticks) * (plan.max_force_n / FULL)
     fade = ramp(plan.ticks, plan.ramp_ticks) / WHOLE
@@ -203,6 +206,10 @@ def _parts(devices: Sequence[Device]) -> list[_Part]:
 
 
 def _part(devices: Sequence[Device], shares: FloatArray, late: Integers) -> _Part:
+    """Return the transitions of devices over a share of a sample each: by state, motor force and friction.
+
+    `late` is how many samples old the acting force is.
+    """
     plants = [device_plant(device).linear() for device in devices]
     rubbed = [replace(plant, force=plant.friction) for plant in plants]
     periods_s = np.array([device.sample_time_s for device in devices])
@@ -418,7 +425,10 @@ _POINTS_PER_PERIOD = 24
 
 
 def _signal(plan: Plan, devices: Sequence[Device]) -> Signal:
-    """Return the signal: its size over frequency is what force, speed and travel allow of a sine."""
+    """Return the signal of a plan, chirp or multisine: its size over frequency is what force, speed and travel allow.
+
+    The tones of a multisine have phases that keep its peak low.
+    """
     period = plan.sample_time_s
     low = max(_LOWEST_HZ, 2 / plan.seconds)
     high = min(_HIGHEST_HZ, _HIGHEST_SHARE / period)

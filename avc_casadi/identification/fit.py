@@ -129,6 +129,7 @@ class _Objective:
     """Error and slopes of a structure by its search coordinates, in the unit of the first error, once a point."""
 
     def __init__(self, predictor: Predictor, structure: ModelStructure, observer: SteadyObserver, skip: int) -> None:
+        """Set up the prediction error of a structure under an observer, without the first samples of a record."""
         self._predictor = predictor
         self._structure = structure
         self._observer = observer
@@ -149,6 +150,7 @@ class _Objective:
         return self._slopes
 
     def _move_to(self, search: FloatArray) -> None:
+        """Compute error and slopes at a point of the search coordinates, once; a diverging model has a large error."""
         point = search.tobytes()
         if point == self._point:
             return
@@ -209,7 +211,7 @@ def fit(
 def evaluate(
     predictor: Predictor, structure: ModelStructure, search: FloatArray, observer: SteadyObserver, window: Partition
 ) -> Fit:
-    """Return a structure at given coordinates with the contribution of each block."""
+    """Return a structure at given coordinates: prediction errors, and error, slope and curvature of each block."""
     predictions = predictor.predict(structure, search, observer)
     errors_m = tuple(_clip(prediction.error_m[window.skip :]) for prediction in predictions)
     unit_m = float(np.sqrt(np.mean(np.concatenate(errors_m) ** 2))) or 1.0
@@ -358,7 +360,10 @@ def cross_validation(fit: Fit) -> FloatArray:
 
 
 def compare(simple: Fit, rich: Fit, rung: str) -> FitTrial:
-    """Return whether a richer model predicts held-out data better, on the same blocks."""
+    """Return whether a richer model predicts held-out blocks better: its gain, and that in standard errors.
+
+    The gain is of squared errors, block by block, and of their logarithms.
+    """
     simple_squares = cross_validation(simple)
     rich_squares = cross_validation(rich)
     total = float(np.sum(simple_squares)) or 1.0
@@ -501,7 +506,7 @@ def late_samples(values: Mapping[str, float], order: int, period_s: float) -> fl
 
 
 def _apart(fit: Fit, rival: Fit, rung: str, period_s: float) -> FloatArray:
-    """Return how far a rung that was not taken moves each coordinate; a lag beside none counts in the delay."""
+    """Return how far a rung that was not taken moves each coordinate, (u,); a lag beside none counts in the delay."""
     rival_search = dict(zip(rival.structure.names, rival.search, strict=True))
     rival_half = dict(zip(rival.structure.names, bootstrap(rival), strict=True))
     apart = np.zeros(fit.search.size)

@@ -259,7 +259,10 @@ def _check_start(start: Start, motion: MotionKind, *, flip_force: bool) -> Start
 
 
 def _simplest(records: Sequence[Record], start: Start, offsets: int) -> ModelStructure:
-    """Return the lowest rung, with a spring where the start has one."""
+    """Return the lowest rung, a rigid mass with damping, with a spring where the start has one, and units of search.
+
+    Units are the sizes that the log suggests: rms force over the largest speed or travel.
+    """
     rms_n = float(np.sqrt(np.mean(np.concatenate([record.force_n for record in records]) ** 2)))
     travel_m = max(float(np.ptp(record.position_m)) for record in records)
     speeds = []

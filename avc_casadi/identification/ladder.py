@@ -249,7 +249,7 @@ class Ladder:
         return self._refit(structure, start)
 
     def _refit(self, structure: ModelStructure, start: Fit) -> Fit:
-        """Return the fit of a structure from the values of another fit, under its observer."""
+        """Return the fit of a structure from the values of another fit, under its observer, in few steps."""
         return fit(
             self.predictor,
             structure,
@@ -281,6 +281,7 @@ class Ladder:
         yield _StartPoint(structure, {**values, **first, FRICTION: likely_n})
 
     def _amplifier_starts(self, structure: ModelStructure) -> Iterator[_StartPoint]:
+        """Yield starts for an amplifier: some bandwidths and damping ratios, each with its lag taken from the delay."""
         values, period_s = self.fit.values, self.predictor.sample_time_s
         ratios = _START_LOOP_RATIOS if structure.order == 2 else (values[LOOP_RATIO],)
         for rate, ratio in itertools.product(_START_RATES, ratios):
@@ -291,6 +292,7 @@ class Ladder:
             yield _StartPoint(structure, {**lagging, "delay_samples": delay})
 
     def _resonance_starts(self, structure: ModelStructure) -> Iterator[_StartPoint]:
+        """Yield the likeliest resonances of the frequency response, with the encoder at the motor or the handle."""
         values, period_s = self.fit.values, self.predictor.sample_time_s
         if self.fit.observer.rate_per_s > _FAST_OBSERVER * FIRST_RATE_PER_S:
             values = coarse_fit(self.predictor, self.fit.structure, values, FIRST_RATE_PER_S).values

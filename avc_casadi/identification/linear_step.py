@@ -63,7 +63,7 @@ def entries_of(states: int, cuts: int) -> int:
 
 
 def device_of(values: Mapping[str, float], structure: ModelStructure, sample_time_s: float) -> Device:
-    """Return the device for given parameter values, without its dry friction."""
+    """Return the device of given parameter values, without its dry friction; not a number leaves a part out."""
     delay = values["delay_samples"]
     damping = values["damping_ns_per_m"]
     frequency = values["resonance.frequency_hz"]
@@ -241,7 +241,10 @@ def _inside(
 
 
 def _cut_row(moves: Mapping[_Span, Transition], plant: int, states: int, time: float, late: float) -> FloatArray:
-    """Return the motor's velocity at a cut by the state, the older and the newer force, and a force on the motor."""
+    """Return the motor's velocity at a cut of a sample as a row over the state, old, new force and friction.
+
+    `time` and `late` are shares of the sample: of the cut, and of the arrival of the newer force.
+    """
     row = np.zeros(states + 3)
     row[:states] = np.eye(states)[MOTOR_VELOCITY]
     under_older = moves.get(_Span(plant, False, min(time, late)))

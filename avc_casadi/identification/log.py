@@ -218,7 +218,7 @@ class CutLog:
 
 
 def records_of(columns: Columns) -> CutLog:
-    """Cut a log into records at its gaps."""
+    """Return a log as records cut at its gaps, resampled where its clock scatters, or why it is unusable."""
     columns = columns.complete()
     faults = faults_of(columns)
     if faults:
@@ -275,6 +275,7 @@ def _note_of_gaps(file: str, gaps: int, pieces: int, left_out: int) -> str:
 
 
 def _records(even: _EvenColumns, pieces: Sequence[slice], period_s: float) -> list[Record]:
+    """Return the pieces of a log as records of one sample time, numbered where there are several."""
     columns = even.columns
     return [
         Record(

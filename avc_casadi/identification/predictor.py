@@ -98,7 +98,7 @@ def run(state: FloatArray, inputs: FloatArray, numbers: FloatArray, cuts: int) -
 
 @lru_cache(maxsize=16)
 def _native(states: int, cuts: int) -> Callable[..., int]:
-    """Return the compiled loop of `sample` over samples and models."""
+    """Return the compiled C loop of one-step predictions over samples and models, by states and cuts of a sample."""
     function = sample(states, cuts)
     body = in_lanes(function, ("x[{}]", "SPREAD(inputs[{}])", "numbers[{}]"), ("next[{}]", "error[{}]"))
     source = _LOOP.format(
