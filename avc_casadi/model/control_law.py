@@ -397,7 +397,7 @@ class ControlLaw(t.Table):
         return tuple(force for value, force in forces if value)
 
     def forces_everywhere(self) -> tuple[p.Force, ...]:
-        """Return the pieces that act outside the wall too: local damper, virtual mass, friction compensation."""
+        """Return the pieces that act outside the wall too: damper b_p, virtual mass and friction compensation."""
         velocity = self.velocity.piece
         forces: list[p.Force] = []
         if self.local_damping_ns_per_m:
@@ -477,7 +477,10 @@ class ControlLaw(t.Table):
 
 
 def _bounds(key: str, value: float, table: t.Table, sample_time_s: float) -> tuple[float, float]:
-    """Return the bounds of a number of an estimator or a filter, of a frequency as shares of the sample rate."""
+    """Return the least and the largest value of a number of an estimator or filter of which a limit is looked for.
+
+    Frequencies, Hz, are bounded by shares of the sample rate, windows by samples.
+    """
     known = {"depth": (0.0, 1.0), "width": (1e-3, 10.0), "phase_deg": (0.1, 85.0)}
     if isinstance(table, WindowVelocity):
         return 1, max(value, _LONGEST_WINDOW)

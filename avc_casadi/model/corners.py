@@ -75,7 +75,7 @@ def devices_with(device: Device, values: Mapping[str, FloatArray]) -> list[Devic
 
 
 def linear_values(device: Device) -> dict[str, float]:
-    """Return a device's values of `LINEAR_KEYS`, by key."""
+    """Return the values of a device that decide its linear loop, by key: those of `LINEAR_KEYS` that it has."""
     values: dict[str, float] = {}
     lags = device.amplifier_bandwidth_hz is None or device.amplifier_order == 1
     for key in LINEAR_KEYS:
@@ -113,7 +113,10 @@ class Unmodelled:
 
 
 def unmodelled(device: Device, required: Robustness) -> tuple[Unmodelled, ...]:
-    """Return the required effects, one at a time; for a device without mass, dropped samples alone."""
+    """Return devices with one effect each that [robustness] requires: a smaller mass, dropped samples.
+
+    For a device without mass, dropped samples alone.
+    """
     effects = []
     known = device_with(device, {})
     if required.mass_share is not None and device.mass_kg > 0:

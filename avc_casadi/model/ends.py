@@ -241,7 +241,10 @@ class ToolState:
 
 
 def tool_states(tool: Simulation, contact_stiffness_n_per_m: float) -> list[ToolState]:
-    """Return the corners of a tool in a contact of the scene, in the device's units, light ones first."""
+    """Return the corners of a tool's mass and dampers in a contact of the scene, N/m, in the device's units.
+
+    A tool without mass is fixed. Light ones come first.
+    """
     if tool.tool_mass_kg is None:
         return [ToolState(math.inf, 0.0, math.inf, 0.0)]
     dampers: list[float | None] = [None]
@@ -263,7 +266,10 @@ def tool_at(
     contact_stiffness_n_per_m: float,
     contact_damping_ns_per_m: float | None = None,
 ) -> ToolState:
-    """Return a tool in contact, in the device's units; all numbers are the scene's."""
+    """Return a tool in contact, in the device's units; all numbers are the scene's.
+
+    A contact without a damper of its own is damped critically, 2 sqrt(k m); a rigid one is infinite.
+    """
     stiffness, damper = contact_stiffness_n_per_m, contact_damping_ns_per_m
     if stiffness >= RIGID_N_PER_M:
         stiffness = math.inf
@@ -280,7 +286,10 @@ _Row = tuple[Any, Any, Any]
 def tool_step(
     integrator: ToolIntegrator, t: Any, mass: Any, drag: Any, stiffness: Any, doublings: int = 10
 ) -> tuple[_Row, _Row]:
-    """Return what position, velocity and a held force make of position and velocity in an internal step."""
+    """Return the rows (by position, velocity, held force) of new position and velocity after an internal step t, s.
+
+    The tool has mass, drag and a spring to ground; the integrator is explicit, semi-implicit, implicit or exact.
+    """
     if integrator == "exact":
         return _motion(t, mass, drag / mass, stiffness / mass, doublings)
     solved = mass
@@ -294,6 +303,10 @@ def tool_step(
 
 
 def _motion(t: Any, mass: Any, drag: Any, stiffness: Any, doublings: int) -> tuple[_Row, _Row]:
+    """Return the rows of new position and velocity after a step t of m x'' + d x' + k x = F, F held, exactly.
+
+    `drag` and `stiffness` are over the mass. Taylor's series of a short step, then its double, so many times.
+    """
     t = t / 2**doublings
     # After a kick: where it swings, how fast, and the way under it, by Taylor's series; then twice the time, each time.
     swing = t
@@ -413,7 +426,10 @@ class Follower(Device, End):
 
 
 def mujoco_contact_n_per_m(mass_kg: float, load_n: float) -> float:
-    """Return static load over depth of a contact with MuJoCo's own solref and solimp, for a tool of some mass."""
+    """Return load over depth, N/m, of a static contact with MuJoCo's own solref and solimp, for a tool of a mass.
+
+    The depth d solves load = m (i/(0.95 x 0.02))^2 d/(1 - i), i the impedance at d.
+    """
     low, high = 0.0, 1.0
     for _ in range(100):
         depth = 0.5 * (low + high)

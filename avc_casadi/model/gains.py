@@ -189,7 +189,7 @@ class DeviceLn:
         return [1.0 / (2 * j + 1) for j in reversed(range(self.terms))]
 
     def __call__(self, x: ArrayLike) -> Any:
-        """Return ln x, any shape, in this precision."""
+        """Return ln x, any shape, in this precision: e ln 2 + 2 (s + s^3/3 + ...), x = 2^e m, s = (m - 1)/(m + 1)."""
         number, whole = self.dtype, self.bits
         bits = np.asarray(x, dtype=number).view(whole)
         unit = number(1)

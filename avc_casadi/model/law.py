@@ -233,7 +233,10 @@ class Law:
         return self.a @ states + self.b @ inputs, outputs[..., : self.outputs, :], outputs[..., self.outputs :, :]
 
     def _compiled(self, states: Sequence[Matrix], outputs: Sequence[Matrix], sectors: tuple[Sector, ...]) -> Law:
-        """Return the law of rows over its signals: states first, then the measured inputs, then those of sectors."""
+        """Return the law of rows over its signals: states first, then the measured inputs, then those of sectors.
+
+        `states` are the rows of the next states, `outputs` those of the forces, then of the inputs of sectors.
+        """
         leading = np.broadcast_shapes(*(rows.shape[:-2] for rows in (*states, *outputs)))
         parts = [np.broadcast_to(rows, (*leading, *rows.shape[-2:])) for rows in (*states, *outputs)]
         whole = np.concatenate(parts, axis=-2)

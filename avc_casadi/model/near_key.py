@@ -103,7 +103,7 @@ def _in_another_unit(known: list[str], file: KeysOf | None, key: str, value: Any
 
 
 def _with_unit(value: Any, unit: str) -> str:
-    """Return a value as text with a unit, as in a file."""
+    """Return a value as text with a unit, as in a file; of a value that is none an example, 1."""
     if isinstance(value, list | tuple):
         return f"[{', '.join(_with_unit(entry, unit) for entry in value[:2])}]"
     if isinstance(value, str):

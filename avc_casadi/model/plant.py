@@ -79,7 +79,11 @@ class Plant:
         mass_ratio: float,
         beyond: str = HANDLE,
     ) -> None:
-        """Move a share of the device's mass to a handle, or another body, on a spring, which the hand then holds."""
+        """Move a share of the device's mass to a handle, or another body, on a spring and damper; a hand holds that.
+
+        k = m_r omega^2, b = 2 zeta omega m_r, m_r the reduced mass of both, so that the mode has this frequency, Hz,
+        and damping ratio.
+        """
         handle = self.mass_kg(DEVICE) * mass_ratio
         self.add_mass(DEVICE, -handle)
         self.add_mass(beyond, handle)
@@ -89,7 +93,10 @@ class Plant:
         self.grip = beyond
 
     def linear(self) -> LinearPlant:
-        """Assemble the equations of motion."""
+        """Return the equations of motion x' = A x + F f + friction + the hand's target, of positions and velocities.
+
+        Shapes begin with those of the hands.
+        """
         bodies = self.bodies
         shape = np.broadcast_shapes(
             *(mass.shape for mass in self._masses.values()), *(k.shape for _, _, k, _ in self._links)
@@ -170,7 +177,10 @@ def transition(plant: LinearPlant, step_s: float) -> Transition:
 
 
 def transitions(cases: Sequence[tuple[LinearPlant, float]]) -> list[Transition]:
-    """Discretise many plants of one shape at once, each with its step."""
+    """Return exact transitions of many plants of one shape, each over its step, s, force and target's speed held.
+
+    They are blocks of exp of the augmented matrix, scaled so that no column dominates.
+    """
     plants, steps_s = [plant for plant, _ in cases], np.array([step_s for _, step_s in cases])
     n = plants[0].states
     matrix, force, target = (
@@ -279,7 +289,10 @@ def sampled_plant(
     hand: Mechanics | Sequence[Mechanics] | None = None,
     mode: Mode | None = None,
 ) -> SampledPlant:
-    """Discretise devices with a hand exactly."""
+    """Return devices with a hand as exact transitions from sample to sample, the force held and delayed.
+
+    Leading axes are (devices, hands); `mode` replaces the declared resonance.
+    """
     listed = devices if isinstance(devices, Sequence) else (devices,)
     first = listed[0]
     hands = hand if isinstance(hand, Sequence) else [hand] * len(listed)

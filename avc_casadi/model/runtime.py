@@ -56,7 +56,10 @@ def low_pass(back: ComplexArray, poles: Poles) -> ComplexArray | float:
 def velocity_poles(
     device: Device, scene: Scene, table: VelocityFilterEffect, problem: str, place: str = "scene.effects"
 ) -> Poles:
-    """Return the poles of the effect velocity-filter; faults name the problem."""
+    """Return the coefficients a1, a2 of the estimator of the velocity, (1 + a1 + a2)/(1 + a1/z + a2/z^2).
+
+    A first-order filter, or the steady Kalman filter of an acceleration and a noise; faults name the problem.
+    """
     period = device.sample_time_s
     if table.cutoff_hz is not None:
         return (-math.exp(-2 * math.pi * table.cutoff_hz * period), 0.0)
@@ -75,7 +78,7 @@ def velocity_poles(
 
 
 def _noise_m(device: Device, scene: Scene) -> float:
-    """Return the rms of the encoder's steps and of the noise of the scene; its effects precede the device."""
+    """Return the rms, m, of encoder steps q, q/sqrt(12), and noise of a scene, whose effects precede the device."""
     listed = {effect.kind: effect for effect in scene.effects}
 
     def value_of(kind: str, key: str, default: float) -> float:

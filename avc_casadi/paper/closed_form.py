@@ -39,7 +39,10 @@ class Quotient:
 
     @classmethod
     def of(cls, loop: ImpedanceLoop, desired: ComplexArray, gap: ComplexArray, injected: FloatArray) -> Quotient:
-        """Return the quotient for Z_eavc = desired + injected/H."""
+        """Return Z_avc = Z_e Z/(Z_e - Z) of Z = desired + injected/H, with its rounding, N.s/m.
+
+        `gap` is Z_e - desired, given apart, as it may be small; `injected` is the damper of the projection.
+        """
         push = injected / loop.hold
         rendered = desired + push
         difference = gap - push
@@ -137,7 +140,10 @@ NOTHING_TO_RENDER = (
 
 
 def solve_closed_form(problem: Problem, *, as_printed: bool = False) -> GainSchedule:
-    """Solve by the closed form, corrected or as printed; gains outside the box, but by rounding, are not realisable."""
+    """Return the gains of the closed form, corrected or as printed; those outside the gain box are not realisable.
+
+    With the structure `damped` the projection's damper is a contact damper, otherwise it goes into the series gains.
+    """
     started = time.perf_counter()
     loop = loop_at(problem, problem.frequencies_hz())
     projection = project(problem, as_printed=as_printed)

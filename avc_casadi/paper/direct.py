@@ -47,7 +47,10 @@ class CheckedGains:
 def checked_gains(
     problem: Problem, loop: ImpedanceLoop, name: str, tolerance: float, progress: Progress
 ) -> CheckedGains:
-    """Solve the NLP, and again from more starts, none of them an answer of `exact`, where that refutes it."""
+    """Return the NLP's gains, solved again from more starts where `exact` refutes them, and where they fail.
+
+    No start is an answer of `exact`.
+    """
     gains = nlp_gains(problem, loop, name, tolerance, progress=progress)
     optimum = exact_gains(problem, loop)
     local = _short(loop, gains, optimum)

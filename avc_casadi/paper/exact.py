@@ -175,7 +175,7 @@ class Edges:
         )
 
     def rendered(self) -> Arcs:
-        """Return Z_eavc along each edge."""
+        """Return Z_eavc = Z_e Z_avc/(Z_e + Z_avc), N.s/m, along each edge: Z_avc runs on a line in b or k."""
         environment = self.loop.environment
         return Arcs(
             environment * self.base,
@@ -186,7 +186,7 @@ class Edges:
         )
 
     def perceived(self) -> Arcs:
-        """Return Z_h_avc along each edge."""
+        """Return Z_h_avc = Z_d + H (Z_eavc + b_p), N.s/m, along each edge of the gain box."""
         start = self.loop.device + self.loop.hold * self.contact
         inner = self.rendered()
         return Arcs(
@@ -249,7 +249,10 @@ def _reason(problem: Problem, value: float, damping: float, stiffness: float) ->
 
 
 def largest_real_part(problem: Problem, frequency_hz: FloatArray) -> GainArrays:
-    """Return (max Re Z_h over the gain box, b, k), each (n,): Re Z_h is harmonic, its maximum on an edge of the box."""
+    """Return (max Re Z_h over the gain box, b, k), each (n,).
+
+    Re Z_h is harmonic in the gains, so that its maximum is on an edge of the box.
+    """
     loop = loop_at(problem, frequency_hz)
     edges = Edges.of(problem, loop, problem.coupling.contact_damping_ns_per_m)
     stationary = edges.perceived().level_extrema()
@@ -262,7 +265,10 @@ def largest_real_part(problem: Problem, frequency_hz: FloatArray) -> GainArrays:
 
 
 def _edge_candidates(edges: Edges, radius: FloatArray, margin: float) -> list[FloatArray]:
-    """Return corners, points of given magnitude and of given real part, extrema of both; one Newton step each."""
+    """Return gains on the edges of the box that may be optimal: corners, extrema, and two kinds of crossings.
+
+    |Z_h| = `radius` meets the goal (11), Re Z_h = `margin` is the limit (12), N.s/m; Newton steps refine them.
+    """
     loop, arcs = edges.loop, edges.perceived()
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         on_circle = arcs.magnitude_roots(radius)
@@ -286,7 +292,10 @@ def _edge_candidates(edges: Edges, radius: FloatArray, margin: float) -> list[Fl
 def _inner_candidates(
     problem: Problem, loop: ImpedanceLoop, radius: FloatArray, margin: float, edges: Edges
 ) -> list[list[FloatArray]]:
-    """Return gains that render the wanted points, with the smallest admissible contact damping."""
+    """Return gains inside the box that render the wanted points, with the smallest admissible contact damping.
+
+    A wanted point has |Z_h| = `radius` or is the nearest with Re Z_h = `margin`, N.s/m.
+    """
     lowest, highest = problem.coupling.contact_damping_ns_per_m
     wanted, gap = wanted_points(loop, radius, margin)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
@@ -306,7 +315,10 @@ def _inner_candidates(
 def _segment_candidates(
     problem: Problem, loop: ImpedanceLoop, radius: FloatArray, margin: float, edges: Edges
 ) -> list[FloatArray]:
-    """Return points on the straight segments that contact damping sweeps from corners and stationary Im Z_eavc."""
+    """Return gains b, k, b_p on the segments that b_p sweeps from corners and from stationary Im Z_eavc.
+
+    On each they have |Z_h| = `radius`, Re Z_h = `margin`, N.s/m, or are the nearest to 0 or an end.
+    """
     folds = np.concatenate(
         (
             edges.rendered().level_extrema(imaginary=True),

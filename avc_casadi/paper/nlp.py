@@ -46,7 +46,10 @@ class CouplingNlp:
 
 @cache
 def coupling_nlp() -> CouplingNlp:
-    """Return the NLP of one frequency, built once per process."""
+    """Return the NLP of one frequency, built once per process: the goal (11) under the constraint (12).
+
+    It minimises (|Z_h_ds| - |Z_h_avc|)^2 over b, k and b_p, with Re Z_h_avc no less than the margin.
+    """
     b = ca.SX.sym("b")
     k = ca.SX.sym("k")
     b_p = ca.SX.sym("b_p")
@@ -136,7 +139,7 @@ def _derivatives(rows: int) -> Any:
 
 
 def optimality(problem: Problem, loop: ImpedanceLoop, gains: GainArrays) -> Optimality:
-    """Recompute violation and KKT residual of (b, k, b_p), each (n,)."""
+    """Return violation of (12), N.s/m, and KKT residual, no unit, of (b, k, b_p), each (n,), recomputed."""
     parameters = nlp_parameters(problem, loop)
     x = np.array(gains)
     f, g, df, dg, turning = (np.array(value) for value in _derivatives(x.shape[1])(x, parameters))
