@@ -237,7 +237,10 @@ class FaultBounds:
 
     @classmethod
     def of(cls, problem: AdmittanceProblem, law: VirtualImpedance) -> FaultBounds:
-        """Return those of a problem that states the range of its sensor and its largest speed."""
+        """Return the largest jump of a true reading, N, and the motion, m, that refused and bad readings allow.
+
+        The problem states the range of its sensor and its largest speed.
+        """
         device, sensor = problem.device, problem.device.force_sensor
         assert sensor.max_force_n is not None  # noqa: S101 - `_required` has asked
         assert device.max_speed_m_per_s is not None  # noqa: S101
@@ -320,6 +323,7 @@ def _refusal(problem: AdmittanceProblem, reason: str) -> NotDeployableError:
 
 
 def _required(problem: AdmittanceProblem) -> VirtualImpedance:
+    """Return the law of a problem that states what the C needs; InputError with each value that is missing."""
     missing = {
         "law": problem.law,
         "device.max_speed_m_per_s": problem.device.max_speed_m_per_s,
@@ -343,6 +347,7 @@ def law_id(problem: AdmittanceProblem) -> str:
 def _header(
     problem: AdmittanceProblem, law: VirtualImpedance, bounds: FaultBounds, verdict: str, precision: Precision
 ) -> str:
+    """Return the text of the C header: units, law, verdict, and what happens with readings that are refused."""
     device = problem.device
     turns = "It turns: read m as rad, N as N.m, kg as kg.m2 and N.s/m as N.m.s/rad in names and numbers."
     return _HEADER.format(
@@ -420,6 +425,7 @@ def _told_of_offset(law: VirtualImpedance) -> str:
 
 
 def _source(problem: AdmittanceProblem, law: VirtualImpedance, bounds: FaultBounds, precision: Precision) -> str:
+    """Return the text of the C source: v+ = (M v + T (g - k x))/(M + B T), g the filtered force, in checked steps."""
     period, literal = problem.device.sample_time_s, precision.literal
     total = law.mass_kg + law.damping_ns_per_m * period
     share = 1.0 if law.cutoff_hz is None else -math.expm1(-2 * math.pi * law.cutoff_hz * period)

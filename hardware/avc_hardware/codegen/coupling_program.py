@@ -59,7 +59,7 @@ def coupling_program(coupling: Coupling, precision: Precision = SINGLE) -> Coupl
 
 
 def law_program(problem: Problem, precision: Precision = SINGLE) -> CouplingProgram:
-    """Build the program of the law of a problem at its own sample time."""
+    """Return the program of the law of a problem at its own sample time, with detents and force limit."""
     listed: list[Effect] = [HandEffect(), LawEffect()]
     if problem.detent is not None:
         listed.append(DetentEffect())
@@ -156,6 +156,7 @@ class _CouplingSample(_Sample):
     """One sample of a coupling."""
 
     def __init__(self, coupling: Coupling, effects: tuple[SceneEffect, ...], start_m: float) -> None:
+        """Build one sample of a coupling as expressions, from a device at rest at `start_m`; gains are inputs."""
         import casadi as ca  # noqa: PLC0415
 
         table, constant = coupling.table, coupling.table.constant
@@ -211,6 +212,7 @@ class _LawSample(_Sample):
     keeps_given = False  # a force that is kept between two samples of a slower law is the law's, before any fade
 
     def __init__(self, problem: Problem, effects: tuple[SceneEffect, ...], start_m: float) -> None:
+        """Build one sample of a stated law as expressions, from a device at rest at `start_m`."""
         import casadi as ca  # noqa: PLC0415
 
         tick = self.tick = Tick(problem.device.sample_time_s, start_m)

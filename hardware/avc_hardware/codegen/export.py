@@ -431,6 +431,7 @@ def _fault_model(device: Device, guard: _Guard) -> str:
 
 
 def _source(subject: CSubject, program: CouplingProgram, precision: Precision) -> str:
+    """Return the C source of a coupling or law: sensor checks, table look-up, and the statements of a sample."""
     literal = precision.literal
     device, guard = subject.problem.device, _GUARDS[subject.place]
     words = {"real": precision.c_type, "zero": literal(0.0), "half": literal(0.5), "one": literal(1.0)}
@@ -456,6 +457,7 @@ def _source(subject: CSubject, program: CouplingProgram, precision: Precision) -
 
 
 def _look_up(stated: GainTable, precision: Precision) -> str:
+    """Return the C of the look-up of gains: linear in ln(frequency), with the device's own logarithm."""
     literal, rows = precision.literal, stated.rows if precision is DOUBLE else stated.single()
     lines = [
         "    {{{}}},".format(", ".join(map(literal, (logarithm, *row))))

@@ -416,6 +416,7 @@ def _simulation_code(end: Simulation, coupling: Coupling, precision: Precision, 
 
 
 def _device_end(coupling: Coupling, tool: Simulation) -> _End:
+    """Return the device of an engine: its gains, how far a tool may jump, m, and after how many samples it is lost."""
     device = coupling.problem.device
     fastest = SensorBounds.of(device).fastest_m_per_s * tool.position_scale
     # A tool may move as far in a step of the engine as in a sample.
@@ -433,6 +434,7 @@ def _device_end(coupling: Coupling, tool: Simulation) -> _End:
 
 
 def _both_ends(coupling: Coupling) -> list[_End]:
+    """Return leader and follower: gains, how far the other end may jump between messages, m, and when it is lost."""
     leader, follower = coupling.problem.device, coupling.follower
     to_follower_s, to_leader_s = follower.delays_s[-1]
     late = 2 * follower.jitter

@@ -291,6 +291,7 @@ def header_words(end: End, coupling: Coupling, precision: Precision) -> dict[str
 
 @header_words.register(Follower)
 def _of_follower(follower: Follower, coupling: Coupling, precision: Precision) -> dict[str, Any]:
+    """Return the words of the header of a coupling to a follower: facts of both ends, use, and definitions."""
     device = coupling.problem.device
     link = follower.model_dump(exclude=set(type(device).model_fields), exclude_none=True)
     measured = follower.architecture == "position-force" and follower.force == "measured"
@@ -318,6 +319,7 @@ def _of_follower(follower: Follower, coupling: Coupling, precision: Precision) -
 
 @header_words.register(Simulation)
 def _of_engine(tool: Simulation, coupling: Coupling, precision: Precision) -> dict[str, Any]:
+    """Return the words of the header of a coupling to a simulation: facts, order of the calls, and their C."""
     device = coupling.problem.device
     scene = coupling.in_scene
     real = precision.c_type

@@ -77,7 +77,10 @@ class SensorBounds:
 
     @classmethod
     def of(cls, device: Device) -> Self:
-        """Return the bounds of a device."""
+        """Return by how much a position may differ from what speed, hand and actuator can do in a sample, m.
+
+        Accelerations a bound it by a T^2; encoder steps and noise add what is unsure.
+        """
         time = device.sample_time_s
         ranges = device.range
         reach = device.metres_per_unit

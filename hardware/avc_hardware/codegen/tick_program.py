@@ -100,7 +100,10 @@ class AnyTable:
 
 @functools.lru_cache(maxsize=8)
 def tick_programs(estimator: str, passive: bool) -> tuple[tuple[RuntimeProgram, ...], Any]:
-    """Return the parts estimate, guard, couple_gated, couple_clips; and figures -> numbers."""
+    """Return the firmware's parts estimate, guard, couple_gated, couple_clips as C programs; and figures -> numbers.
+
+    What depends on a device's figures alone is computed once, as numbers of its configuration.
+    """
     import casadi as ca  # noqa: PLC0415
 
     # CasADi calls Python for shapes while it builds an expression, and ignores exceptions then.

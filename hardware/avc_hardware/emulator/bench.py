@@ -69,7 +69,7 @@ class BenchPlant:
         self._asked = [*self._asked[1:], force_n]
 
     def advance(self, target: FloatArray) -> None:
-        """Move by one sample."""
+        """Move by one sample, under the force that has arrived and the hand's target; friction stops it inside."""
         older, newer = self._asked[:2]
         for whole, part, is_newer in self._halves:
             force = newer if is_newer else older
@@ -85,7 +85,10 @@ class BenchPlant:
 
 
 def _friction(before: float, free: float, ease: float, most_n: float) -> float:
-    """Return the mean friction over a part, against +x: sliding, or stopping inside and sticking or reversing."""
+    """Return the mean friction over a part of a sample, N, against +x: sliding, or stopping and sticking or reversing.
+
+    `before` is the velocity then and `free` that without friction; a force of 1 N changes it by `ease`, m/s.
+    """
     held = min(max((free - before) / ease, -most_n), most_n)
     if before == 0:
         return held
