@@ -248,6 +248,7 @@ def _identity(end: End, coupling: Coupling) -> dict[str, Any]:
 
 @_identity.register
 def _identity_at_wall(end: Wall, coupling: Coupling) -> dict[str, Any]:
+    """Return what a coupling to a wall runs, of which its identifier is a hash: rows, runtime, wall and device."""
     runtime, law = coupling.runtime.document(), coupling.runtime.state_feedback
     if law is not None and law.open_m == 0:  # a dead zone that never opens, as in earlier releases
         runtime["state_feedback"] = {

@@ -116,6 +116,7 @@ class Crew:
     """This process and fresh interpreters, as CasADi's threads survive no fork, that share tasks; or an executor."""
 
     def __init__(self, workers: int, executor: Executor | None = None) -> None:
+        """Start so many processes, this one included and at most those of the machine; none beside an executor."""
         if not isinstance(workers, int) or isinstance(workers, bool) or workers < 1:
             raise InputError.of(f"is {workers!r}; allowed: a whole number, 1 or more", key="workers")
         size = min(workers, processors())

@@ -503,7 +503,7 @@ def ideal(device: Device) -> bool:
 
 
 def non_idealities(device: Device) -> tuple[NonIdeality, ...]:
-    """Return the properties that make a device not ideal."""
+    """Return what makes a device not ideal: amplifier, resonance, a delay of a part of a sample."""
     late = any(corner.delay_samples % 1 for corner in device_corners(device, ("delay_samples",)))
     declared = {
         NonIdeality.AMPLIFIER: device.amplifier_bandwidth_hz is not None,

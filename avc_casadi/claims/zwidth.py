@@ -254,9 +254,10 @@ def _ideal_ends(
 def _port_ends(
     corner: Device, damping_ns_per_m: FloatArray, model: Model, poles: Poles
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the softest and stiffest passive walls of each damping at frequencies, each (n, m), of any device.
+    """Return the softest and stiffest passive walls K, N/m, of each damping B at frequencies, each (n, m).
 
-    At the port |1 + W X|^2 >= |W|^2 U^2 with W = B W_b + K W_k, quadratic in K.
+    At the port of device and hand passivity is |1 + W X|^2 >= |W|^2 U^2, X and U of the device and W = B W_b + K W_k
+    the rendered wall: a quadratic inequality in K.
     """
     port = handle_port(corner, frequencies_hz(corner))
     damper, spring = _waves(port.turns, corner.sample_time_s, model, poles)
@@ -268,7 +269,10 @@ def _port_ends(
 
 
 def _waves(turns: FloatArray, period: float, model: Model, poles: Poles) -> tuple[ComplexArray, ComplexArray]:
-    """Return W of a wall of 1 N.s/m and of one of 1 N/m."""
+    """Return the held waves W of a damper of 1 N.s/m and of a spring of 1 N/m at turns f T, each of that shape.
+
+    W is the sampled rendering behind its hold and, of the damper, behind the filter of the velocity, N.s/m.
+    """
     zeros = np.zeros(1)
     ones = np.ones(1)
     damper = PartialFractions(direct=ones, integral=zeros, decaying=zeros, pole=zeros, pole_gap=ones, stable=ones > 0)

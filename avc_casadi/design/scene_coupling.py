@@ -138,7 +138,7 @@ class SimulatedScene:
 
     @classmethod
     def of(cls, run: Run) -> SimulatedScene:
-        """Return a run of `simulate` with what else is to be said of it."""
+        """Return a run of `simulate`, with the keys that its scene leaves out and the same run without its guard."""
         assert run.definition is not None  # noqa: S101 - of `simulate`
         return cls(
             run=run,

@@ -47,7 +47,7 @@ class _Springs:
         return len(self.spring_n_per_m)
 
     def pick(self, row: int) -> _Springs:
-        """Return one of the laws."""
+        """Return one of the laws of spring, damper and lag."""
         chosen = slice(row, row + 1)
         return _Springs(
             self.spring_n_per_m[chosen],

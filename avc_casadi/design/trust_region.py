@@ -67,6 +67,7 @@ class TrustRegion:
         conditions: tuple[Condition, ...],
         settings: TrustRegionSettings | None = None,
     ) -> None:
+        """Set up the search among the laws of a family for the least impedance error under conditions."""
         self.family, self.conditions = family, conditions
         self.settings = settings or TrustRegionSettings()
         self.objective = ImpedanceError()

@@ -332,7 +332,7 @@ class CouplingSearch:
         return WithGainMargin(self.loops, max(gain_margin, self.least), self.least)
 
     def _tried(self, stiffness_n_per_m: float, *, local: bool) -> list[ToolGains]:
-        """Return the couplings of one stiffness to try."""
+        """Return couplings of a stiffness K with each of the dampers B, and of the device's own loop if `local`."""
         local_ratios = self.options.local_ratios if local else ()
         local_dampers = {0.0, *(self._local(stiffness_n_per_m, ratio) for ratio in local_ratios)}
         dampers = ([0.0] if local else []) + self.dampers_ns_per_m.tolist()

@@ -161,6 +161,7 @@ def _columns(path: str | Path, layout: Layout) -> Columns:
 
 
 def _npz(stream: BinaryIO) -> Mapping[str, Any]:
+    """Return the arrays of a file of NumPy by name, without those that are no numbers; refuse one that is too large."""
     with zipfile.ZipFile(stream) as archive:
         _bound(sum(member.file_size for member in archive.infolist()))
     stream.seek(0)

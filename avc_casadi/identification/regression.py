@@ -129,6 +129,10 @@ def _goes_on_moving(record: Record) -> bool:
 
 
 def _is_feedback(record: Record) -> bool:
+    """Return whether the force of a record is that of a spring and damper on its own measured position.
+
+    It is fitted at several delays, with and without a filter of the velocity; what is left must be small.
+    """
     position, force = record.position_m, record.force_n
     size = np.abs(force)
     commanded = (size > _NO_FORCE * size.max()) & (size < _SATURATED * size.max())
@@ -220,6 +224,7 @@ class Motion:
     """
 
     def __init__(self, records: Sequence[Record], offsets: int) -> None:
+        """Set up the low-passed regressors of m a + b v + k x + offset = F of all records, and their instruments."""
         self.records = records
         self.period = records[0].sample_time_s
         self.cutoff_hz = min(_HIGHEST_CUTOFF_HZ, 1 / (_CUTOFF_SAMPLES * self.period))

@@ -85,6 +85,10 @@ class Signal:
 
 
 def _phases(step: int, phase: int, growth: int, ticks: int) -> Integers:
+    """Return the phases of a tone in each tick, in integers of a turn, as the firmware adds them up; exact.
+
+    `step` is the phase of a tick, which grows by the share `growth`, as in a chirp.
+    """
     start = phase << 16
     if not growth:
         return (start + np.arange(ticks, dtype=np.uint64) * np.uint64(step)).astype(np.int64) & (TURN - 1)

@@ -118,9 +118,10 @@ class HandleSide:
 
     @cached_property
     def box(self) -> Box:
-        """The ranges that are searched; springs and masses in the bands of the turns of their swing.
+        """The ranges of device, hand and contact that are searched, springs and masses in the bands of their swing.
 
-        A spring of 0 is a corner of its own: from the softest that counts on, springs are searched by their logarithm.
+        A handle on a spring swings by an angle between samples, and each turn of it is a band. A spring of 0 is a
+        corner of its own: from the softest that counts on, springs are searched by their logarithm.
         """
         ranges = {**self.carried, **self.device.ranges}
         knots = self._sensor_knots()

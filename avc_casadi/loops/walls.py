@@ -135,7 +135,7 @@ class _Curves:
         )
 
     def pick(self, cases: IndexArray | slice) -> _Curves:
-        """Return some of the cases."""
+        """Return some of the cases, each a corner of the device with a hand."""
         return replace(
             self,
             change=self.change[cases],

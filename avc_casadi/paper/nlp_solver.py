@@ -34,6 +34,7 @@ _QUIET: Options = {"print_time": False, "error_on_fail": False, "show_eval_warni
 def _ipopt(tolerance: float) -> tuple[str, Options]:
     # Waechter and Biegler, Mathematical Programming 106 (2006) 25-57. Bounds are not relaxed: a relaxed bound would be
     # "better" than the optimum.
+    """Return the interior-point solver IPOPT and its options for a tolerance."""
     return "ipopt", {
         "ipopt.print_level": 0,
         "ipopt.sb": "yes",
@@ -48,6 +49,7 @@ def _ipopt(tolerance: float) -> tuple[str, Options]:
 def _sqpmethod(qp: str, qp_quiet: Options, tolerance: float) -> tuple[str, Options]:
     # Andersson et al., Mathematical Programming Computation 11 (2019) 1-36; DAQP: Arnstroem, Bemporad and Axehill, IEEE
     # TAC 67 (2022) 4362-4369; QRQP: CasADi's active-set method on a sparse QR factorisation.
+    """Return sequential quadratic programming with a solver of quadratic programs, and its options."""
     return "sqpmethod", {
         "print_header": False,
         "print_iteration": False,
@@ -173,6 +175,7 @@ class NlpRows:
     """
 
     def __init__(self, problem: Problem, loop: ImpedanceLoop, solvers: NlpSolvers) -> None:
+        """Set up the NLP of each frequency of a loop: bounds of gains, margin and target, in units of the handle."""
         self.problem = problem
         self.loop = loop
         self.solvers = solvers

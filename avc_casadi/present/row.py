@@ -254,6 +254,7 @@ class Page:
         return text.translate(str.maketrans("✓✗·±", "+X;+")) if self.plain else text
 
     def _lines(self, answer: Answer, rows: Sequence[Row]) -> list[str]:
+        """Return the lines of an answer with these rows: title, marked and labelled rows, next commands."""
         label = max((len(fact.name(answer.units)) for fact in rows), default=0)
         lines = [*_broken(answer.title, answer.units, self.width), ""] if answer.title else []
         for fact in rows:

@@ -130,6 +130,7 @@ def _assumed_of_simulation(end: Simulation) -> list[Simplification]:
 
 @_assumed_of.register
 def _assumed_of_follower(end: Follower) -> list[Simplification]:
+    """Return what is assumed of a follower: no friction, and what of contact and link it does not state."""
     simplifications = [Simplification.NO_FRICTION_IN_TRIAL]
     if "contact_stiffness_n_per_m" not in end.model_fields_set:
         simplifications.append(Simplification.ANY_CONTACT)
@@ -245,6 +246,7 @@ def _unused_of(end: End, problem: Problem) -> list[Unused]:  # noqa: ARG001
 
 @_unused_of.register
 def _unused_of_simulation(tool: Simulation, problem: Problem) -> list[Unused]:  # noqa: ARG001
+    """Return the keys of a tool and its contact that have no effect, as there is no tool or no spring."""
     default = Simulation(step_s=tool.step_s)
     keys = ["contact_damping_ns_per_m"]
     why = WhyUnused.NO_SPRING_TOUCHED

@@ -45,6 +45,10 @@ class WallDesign:
     """Design of a coupling to a wall; with `stiffest` the wall is the stiffest that can be rendered."""
 
     def __init__(self, problem: Problem, request: Request, crew: Crew) -> None:
+        """Find the stiffest wall of a spring and damper, and prepare the hands that judge each coupling.
+
+        With `stiffest` the wall is the stiffest that a coupling renders, which is searched here.
+        """
         self.request = request
         self._crew = crew
         self._sensitivities: Callable[[], tuple[WallSensitivity, ...]] = crew.begin(partial(what_would_help, problem))

@@ -367,6 +367,7 @@ def _impedances(
 
 
 def _region(explorer: Explorer, problem: Problem, stated: str, law: Mapping[str, float]) -> dict[str, Any]:
+    """Return the chart of the walls that the device renders without coupling, with the wanted wall and your k and b."""
     walls, wall = explorer.cached(f"region {stated}", lambda: zwidth(problem)), problem.environment
     damping = walls.damping_ns_per_m[1:]
     lines = [line(str(curve.claim), curve.key, damping, curve.stiffness_n_per_m[1:]) for curve in walls.curves]
@@ -394,6 +395,7 @@ def _saved_wall_coupling(
     settings: Settings,
     problem: Problem,
 ) -> tuple[Coupling, str]:
+    """Return the coupling of the chosen method with its certificate, to be saved, and its verdict in words."""
     _, coupling = found_by_method(explorer, settings, problem)
     if coupling is None:
         raise InputError.of("no coupling yet: there is nothing to save", key="method")
@@ -428,6 +430,7 @@ def _touched_with_tool(
     pairs: dict[str, ToolGains],
     extent: Extent,
 ) -> tuple[Charts, Charts]:
+    """Return the charts of a coupling to a tool: its region of stable K and B before, what it renders behind."""
     whole = extent is Extent.WHOLE
     stated, rates = settings.key(), dict[str, Any]() if whole else {"rates": ()}
     stable = explorer.cached(f"region {whole} {stated}", lambda: tool_region(problem, summits=False, **rates))
@@ -490,6 +493,7 @@ def _rendered_rows(problem: Problem, gains: ToolGains) -> list[Row]:
 
 
 def _rendered_charts(problem: Problem, pairs: dict[str, ToolGains]) -> list[dict[str, Any]]:
+    """Return charts of stiffness at the handle in contact, and of mass and drag in free motion, over frequency."""
     impedance_unit, stiffness_unit = problem.units.unit("N.s/m"), problem.units.unit("N/m")
     free: list[dict[str, Any]] = []
     rigid: list[dict[str, Any]] = []
@@ -510,6 +514,7 @@ def _rendered_charts(problem: Problem, pairs: dict[str, ToolGains]) -> list[dict
 
 
 def _pairs_region(problem: Problem, stable: ToolRegion, pairs: dict[str, ToolGains]) -> dict[str, Any]:
+    """Return the chart of stable K against B, a curve for each rate of the engine, with the couplings as marks."""
     damping, lines = stable.damping_ns_per_m[1:], []
     for curve in stable.curves:
         name = f"{quantity(1 / curve.step_s, 'Hz')}{', as declared' if curve.declared else ''}"
@@ -535,6 +540,7 @@ def _own_coupling(
 def _own_tool_coupling(
     end: Simulation, explorer: Explorer, settings: Settings, problem: Problem
 ) -> tuple[Coupling, str]:
+    """Return the coupling of your own K and B with its certificate, to be saved, and its verdict in words."""
     if not settings.gains:
         raise InputError.of("no coupling yet: there is nothing to save", key="method")
     search = explorer.cached(f"search {settings.key()}", lambda: search_of(end, problem))

@@ -124,6 +124,7 @@ def _solved_admittance(
     method: str,  # noqa: ARG001 - there is one
     progress: Progress,
 ) -> Solved:
+    """Return what `recommend` finds for an admittance device: its law, the verdict on it, and rows."""
     found = recommend_admittance(problem, progress=progress)
     rows = [shown for shown in admittance.recommendation(found).rows if shown.rank == 0]
     if found.certificate is None:
@@ -135,6 +136,7 @@ class SlowRun:
     """A slow method in a process of its own, with progress and cancellation."""
 
     def __init__(self, problem: Explored, method: str) -> None:
+        """Start a slow method for a problem in a process of its own, and listen to it."""
         self.began_s = self.wanted_s = time.monotonic()
         self.state = self.error = ""
         self.result: Solved | None = None
@@ -158,6 +160,7 @@ class SlowRun:
             self._process.terminate()
 
     def _listen(self, connection: Connection) -> None:
+        """Take states from the process until it sends a result or an error, or ends without."""
         kind, content = "state", ""
         try:
             while kind == "state":
@@ -186,6 +189,7 @@ class Explorer:
     """A problem to explore, and results by settings."""
 
     def __init__(self, base: Explored, source: str, versions: Mapping[str, str] | None = None) -> None:
+        """Begin the page of a problem from a source: its form, and no results yet."""
         self.base: Any = base
         self.source = source
         self.versions = versions or {}

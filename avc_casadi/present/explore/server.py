@@ -228,6 +228,7 @@ class _Handler(BaseHTTPRequestHandler):
         """Say nothing: the token would stand in every line."""
 
     def _reply(self, make: Any) -> None:
+        """Send what `make` returns for the path, or the error that it raises."""
         try:
             kind, content = make(self._path())
             self._send(200, kind, content)
@@ -260,6 +261,7 @@ class _Handler(BaseHTTPRequestHandler):
         return "application/json", document.encode()
 
     def _question(self) -> dict[str, Any]:
+        """Return the JSON object of a request; RequestError for anything else."""
         try:
             length = int(self.headers.get("Content-Length", ""))
             question = json.loads(self.rfile.read(length)) if 0 < length <= MOST_BYTES else None

@@ -191,6 +191,7 @@ def _gain_fields(
 
 
 def _fields(problem: Explored, path: str, model: type[Table], values: Mapping[str, Any]) -> Iterator[Field]:
+    """Yield the fields of a table of the problem and of the tables in it, each with its present value."""
     skipped = {"model_config", "motion", "held", "range", "drive"}
     if problem.units.linear:
         skipped.add("handle_radius_m")

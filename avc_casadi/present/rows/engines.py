@@ -177,6 +177,7 @@ def _parameter(parameter: EngineParameter) -> Row:
 
 
 def _parameters(coupling: Coupling, name: str, unsafe: str) -> EngineParameters:
+    """Return what an engine of a name is to be set to for a coupling: parameters, integrator, exchange."""
     engine = _ENGINES[name]
     tool = coupling.tool
     places = _places(name)

@@ -194,6 +194,7 @@ def _law(values: Mapping[str, float]) -> tuple[Part, ...]:
 
 
 def _law_rows(result: LawCertificate) -> list[Row]:
+    """Return the rows of the verdict on a law: margins, worst hand, limits, friction, and what would help."""
     sound = result.disk_margin >= SOUND_DISK and result.quiet
     mark = Mark.FAIL if not result.passed else grade(sound and not result.leans, Mark.CAUTION)
     rows = [
@@ -481,6 +482,7 @@ def _mark(run: Run) -> Mark:
 
 
 def _coupling(result: SimulatedScene, problem: Problem) -> Row:
+    """Return the row of the gains that a scene runs with, and of the frequency at which they are read."""
     run = result.run
     if run.coupling == "none":
         return row("Coupling", "none: the wall itself")
@@ -500,6 +502,7 @@ def _coupling(result: SimulatedScene, problem: Problem) -> Row:
 
 
 def _rendered(run: Run, problem: Problem) -> Row:
+    """Return the row of the stiffness that a hand feels in a scene, N/m, and of its share of the wall."""
     sensed, wall = run.apparent_stiffness_n_per_m, problem.environment.stiffness_n_per_m
     if not math.isfinite(sensed):
         return row("Rendered", "no stiffness: the scene does not end in steady contact")

@@ -182,6 +182,7 @@ def _asked(end: End, result: CheckedProblem) -> list[Row]:
 
 @_asked.register
 def _asked_of_wall(end: Wall, result: CheckedProblem) -> list[Row]:  # noqa: ARG001
+    """Return the rows of what a checked problem requires of a coupling to a wall, and what is not used."""
     stated = result.problem
     structure, stability = stated.coupling.structure, stated.stability
     lowest, highest = Value(result.lowest_hz, "frequency"), Value(result.highest_hz, "frequency")
@@ -370,6 +371,7 @@ def ports(connected: Sequence[SerialPort], *, asked: bool) -> list[Row]:
 
 
 def _port(port: SerialPort, *, asked: bool) -> Row:
+    """Return the row of a serial port: whether it is accessible, and if `asked` which device it has."""
     number = f"serial number {port.serial_number}" if port.serial_number else ""
     no_right = "no permission: add yourself to its group (dialout)"
     text = [port.description, number, "accessible" if port.accessible else no_right]

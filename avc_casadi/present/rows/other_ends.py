@@ -180,6 +180,7 @@ def _gain_margins(gain_margin: float, motor_margins: Sequence[float]) -> Row:
 
 
 def _least_damped(mode: LeastDampedMode) -> list[Row]:
+    """Return the row of the least damping ratio of all loops and its frequency; none where nothing swings."""
     if mode.damping_ratio >= 1:
         return []
     ratio = Value(mode.damping_ratio, "number", 2), "at", Value(mode.frequency_hz, "frequency")

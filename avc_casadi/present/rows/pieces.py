@@ -39,6 +39,7 @@ def named(law: ControlLaw | StatedSystem) -> tuple[Part, ...]:
 
 
 def _pieces(law: ControlLaw) -> Iterator[Parts]:
+    """Yield the gains of a law, its estimator of the velocity and its filters, each with its number."""
     for key, name in GAINS.items():
         value = getattr(law, key, 0.0)
         if value:

@@ -61,6 +61,7 @@ def _onwards_from_no_wall(recommended: NoWallCoupling) -> str:
 
 @_onwards.register
 def _onwards_from_wall(recommended: WallRecommendation) -> str:
+    """Return the next command after a recommendation for a wall; {} stands for its file."""
     nothing = (
         recommended.decision is Decision.NOTHING_RENDERED or recommended.problem.environment.stiffness_n_per_m == 0
     )

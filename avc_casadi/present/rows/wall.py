@@ -182,6 +182,7 @@ def slips(recommended: Recommendation) -> list[Row]:
 
 
 def _coupling(recommended: WallRecommendation) -> Row:
+    """Return the row of the recommended coupling: observer, gains with their spans, rows of its table."""
     problem, coupling = recommended.problem, recommended.coupling
     law, observer_mass_kg = coupling.runtime.state_feedback, coupling.runtime.observer_mass_kg
     damping, stiffness, contact_damping = coupling.table.gains.tolist()
@@ -222,6 +223,7 @@ def _doubt(recommended: WallRecommendation) -> tuple[Part, ...]:
 
 
 def _rendered(recommended: WallRecommendation) -> list[Row]:
+    """Return the rows of what a coupling renders of the wall: stiffness or damper, share, error by frequency."""
     rendered, wall = recommended.rendered, recommended.problem.environment
     errors = commas((Value(error, "share"), f"at {hz:g} Hz") for hz, error in rendered.impedance_error.items())
     if wall.stiffness_n_per_m == 0:

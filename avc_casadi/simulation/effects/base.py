@@ -45,6 +45,7 @@ class SceneEffect:
     device_keys: ClassVar[Mapping[str, str]] = {}
 
     def __init_subclass__(cls, *, keys: type[Effect] | None = None, rank: float = 0, **options: Any) -> None:
+        """Add an effect to the registry: its table of keys, its place in the loop by `rank`, and options."""
         super().__init_subclass__()
         if keys is None:
             return

@@ -91,6 +91,7 @@ class Encoder(SceneEffect, keys=EncoderEffect, rank=80):
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
+        """Build it at the motor or at the handle; a missing step is taken from the device."""
         default = problem.device.encoder_resolution_m
         resonant = any(effect.kind == "resonance" for effect in scene_effects(problem))
         if (table.at or problem.device.encoder_at) == "handle" and (table.at is not None or resonant):

@@ -328,6 +328,7 @@ class _Run:
     """Every motion of many hands on every contact: lanes of shape (motions, contacts, hands), flattened."""
 
     def __init__(self, link: _Link, hands: Hand, longer_s: float = 0.0) -> None:
+        """Set up every motion of the hands on every contact as lanes, and simulate them; `longer_s` is added."""
         leader = link.problem.device
         contacts = link.contacts_n_per_m
         self.gains = link.gains

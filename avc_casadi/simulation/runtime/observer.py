@@ -66,6 +66,10 @@ def state_feedback_step(settings: StateFeedback) -> Step:
 
 @lru_cache(maxsize=64)
 def _step_of(n: int, positions: tuple[int, ...], measures: int) -> Step:
+    """Return one step of an observer of n states with a dead zone: s = A s + B F + L innovation, and its position.
+
+    What the dead zone leaves of the innovation corrects the state.
+    """
     builder = StepBuilder()
     measured, asked = builder.input("position_m"), builder.input("force_n")
     started = builder.state("started")

@@ -83,7 +83,7 @@ _OF_C = (
 
 
 def checked(precision: str, name: str) -> Precision:
-    """Return a precision by name."""
+    """Return a precision by name; InputError for another, or for a name of files that C cannot have."""
     if precision not in PRECISIONS:
         raise InputError.of(f"is {precision!r}; allowed: {', '.join(PRECISIONS)}", key="precision")
     # Lower case, since macros have its name in capitals; a linker of C99 distinguishes 31 characters.

@@ -383,7 +383,7 @@ def _files(subject: CSubject, program: CouplingProgram, precision: Precision) ->
 
 
 def _header(subject: CSubject, program: CouplingProgram, precision: Precision) -> str:
-    """Return the header; a verdict stands in it."""
+    """Return the text of the C header of a coupling or law: units, limits, verdict, and its state."""
     device = subject.problem.device
     force = device.max_force_n
     return _HEADER.format(

@@ -200,7 +200,7 @@ def tick_numbers(figures: RuntimeFigures) -> Float32Array:
 
 
 def _ticks(figures: dict[str, Any], estimator: str, passive: bool, start_m: float) -> dict[str, _Part]:
-    """Build each part by the scene's effects."""
+    """Return the parts of the firmware's tick by name, built by the effects of a scene from a device at `start_m`."""
     import casadi as ca  # noqa: PLC0415
 
     def symbols(*names: str) -> dict[str, Any]:

@@ -143,6 +143,7 @@ class Machine:
                 self._deliver()
 
     def _due(self, limit: int) -> int:
+        """Return the cycle of the next event: a tick, a byte in or out, the watchdog, or the limit."""
         events = [limit]
         if self._next_tick is not None:
             events.append(self._next_tick)
@@ -194,6 +195,7 @@ class Machine:
                 self._interrupt(_SERIAL_VECTOR)
 
     def _interrupt(self, vector: int) -> None:
+        """Run the handler of an interrupt by its vector, and return to what ran before; LinkError if it hangs."""
         core = self._core
         core.context_update(self._saved)  # the registers stacked by hardware and handler
         stack = core.reg_read(self._arm.UC_ARM_REG_SP)
@@ -207,6 +209,7 @@ class Machine:
         core.context_restore(self._saved)
 
     def _read_register(self, _core: Any, offset: int, _size: int, base: int) -> int:
+        """Return what the firmware reads of a register: status and data of the link, encoder, timers."""
         match base + offset:
             case 0x40011000:
                 if self._in_main and not self._status & _TRANSMIT_EMPTY:
@@ -231,6 +234,7 @@ class Machine:
         return value
 
     def _write_register(self, _core: Any, offset: int, _size: int, value: int, base: int) -> None:
+        """Do what the firmware's write to a register does: a byte out, a force, watchdog or flash."""
         address = base + offset
         self._registers[address] = value
         match address:

@@ -95,6 +95,7 @@ def _reason(error: Exception) -> str:
 
 
 def _advice(error: Exception) -> str:
+    """Return what to do about a port that cannot be opened, by the error of the system."""
     number = getattr(error, "errno", None)
     if number == errno.EACCES:
         return "add yourself to the group that owns it (on Debian: sudo usermod -aG dialout $USER, then log in again)"

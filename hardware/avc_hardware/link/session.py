@@ -150,6 +150,7 @@ class Session:
         raise LinkError(f"the table was not taken after {ATTEMPTS} attempts: {failure}") from failure
 
     def _transfer(self, table: TableImage, device: Device) -> Generator[Exchange, Answer, m.Committed]:
+        """Send a table in chunks, with the configuration where the device has another, and let it be swapped in."""
         image = table.image
         table_id = table.table_id
         begin = m.begin(self.number, table_id, table.crc32, len(table.rows), table.states)

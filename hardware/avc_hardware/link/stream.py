@@ -137,6 +137,7 @@ class _Stream:
     """Gains on their way to a device, by the frequency that it reports."""
 
     def __init__(self, connection: Connection, coupling: Coupling, rate_hz: float, frequency_hz: float) -> None:
+        """Begin a stream of gains at a rate, Hz, at the frequency, Hz, that the device has looked up last."""
         self._connection = connection
         self._coupling_id = int(coupling.id, 16)
         self._rows = coupling.table.single()
