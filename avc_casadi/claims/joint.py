@@ -105,7 +105,7 @@ class JointCertificate(Printed):
 
 
 def joint_of(problem: AnyProblem) -> Problem:
-    """Return a problem of a joint.
+    """Return the problem of a joint that an engine moves, from a problem, its tables, file or name.
 
     Raises:
         InputError: it states a device.

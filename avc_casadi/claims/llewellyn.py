@@ -29,9 +29,10 @@ _FAST_ANGLES = 2000
 def llewellyn_margin(
     loop: SampledLoop, damping_ns_per_m: Values, stiffness_n_per_m: Values, contact_damping_ns_per_m: Values = 0.0
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the device damping to spare in (6) at the worst of all frequencies, and that frequency.
+    """Return the device damping to spare in (6) at the worst of all frequencies, N.s/m, and that frequency, Hz.
 
-    It is b_d + b_p Re H - (|H| - Re H)(a + (kT/2)^2 cot^2(phi)/a)/2 with a = b + kT/2, |H| - Re H = 2|H| sin^2(psi/2).
+    It is b_d + b_p Re H - (|H| - Re H)(a + (kT/2)^2 cot^2(phi)/a)/2 with a = b + kT/2 and phi = omega T/2, H hold and
+    delay of phase -psi, so that |H| - Re H = 2|H| sin^2(psi/2).
     """
     columns = (damping_ns_per_m, stiffness_n_per_m, contact_damping_ns_per_m, loop.device_damping_ns_per_m)
     b, k, contact, b_d = (

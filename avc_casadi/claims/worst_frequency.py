@@ -22,10 +22,13 @@ _ZERO_TURNS = 1e-150
 def real_part(
     loop: SampledLoop, parts: PartialFractions, contact_damping_ns_per_m: Values, frequency_hz: Values
 ) -> FloatArray:
-    """Re Z_h at 0 <= frequency_hz <= Nyquist, N.s/m; at 0 its limit; all arguments broadcast.
+    """Return Re Z_h at 0 <= frequency_hz <= Nyquist, N.s/m; at 0 its limit; all arguments broadcast.
 
-    With H = h exp(-j psi): Re Z_h = b_d + h {(g + b_p) cos psi - r sin(psi + phi)/(2 sin phi)
-    + c [(1 - rho) cos psi - 2 sin phi sin(psi + phi)]/[(1 - rho)^2 + 4 rho sin^2 phi]}.
+        Re Z_h = b_d + h {(g + b_p) cos psi - r sin(psi + phi)/(2 sin phi)
+                 + c [(1 - rho) cos psi - 2 sin phi sin(psi + phi)]/[(1 - rho)^2 + 4 rho sin^2 phi]}
+
+    phi = omega T/2, hold and delay are h exp(-j psi), b_d the device and b_p the contact damper; g, r, c and the pole
+    rho are the partial fractions of coupling and wall, g + r w/(1 - w) + c w/(1 - rho w), w = 1/z.
     """
     amplitude, terms = _terms(loop, parts, contact_damping_ns_per_m, frequency_hz)
     return np.asarray(loop.device_damping_ns_per_m + amplitude * sum(terms))

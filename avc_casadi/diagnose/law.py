@@ -495,7 +495,7 @@ def _edges(force: FloatArray, position: FloatArray, rows: IndexArray, lag: int) 
 
 
 def _edge(low: FloatArray, high: FloatArray) -> float:
-    """Return the edge that all steps from low to high cross, at 0 where it may be; their middle where none is.
+    """Return the position, m, that all steps from `low` to `high` cross, at 0 where it may be; else their middle.
 
     It is no position that is read on one side alone, as 0 is of a force that is given at x <= 0.
     """

@@ -33,10 +33,10 @@ class Request:
 
 @singledispatch
 def request_of(end: End, request: Request) -> Request:  # noqa: ARG001
-    """Return what applies to an end.
+    """Return the options of `recommend` that apply to a kind of end; `_OF_WALLS` apply to walls alone.
 
     Raises:
-        InputError: an option that does not.
+        InputError: an option that does not apply.
     """
     defaults = Request()
     of_walls_alone = [name for name in _OF_WALLS if getattr(request, name) != getattr(defaults, name)]

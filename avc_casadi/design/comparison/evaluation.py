@@ -122,8 +122,8 @@ class CausalGains(Document):
 def causal_gains(coupling: Coupling) -> CausalGains:
     """Return what a coupling renders at its problem's frequencies, of small motions in contact, as series gains.
 
-    Its law at rest has the force F/x; over the factor of a spring of 1 N/m it is the rendered Z_r, and Z_avc = Z_r
-    Z_e/(Z_e - Z_r) is the coupling in series with the wall that renders the same.
+    Z_r is the force of its law at rest over the velocity. Z_avc = Z_r Z_e/(Z_e - Z_r) is the coupling in series with
+    the wall Z_e that renders the same, of which b and k are the gains.
     """
     problem = coupling.problem
     loop = loop_at(problem, problem.frequencies_hz())
