@@ -53,9 +53,7 @@ def catalogue_names() -> Mapping[str, Path]:
     folder = problems_folder()
     files = sorted(folder.rglob("*.toml"), key=lambda path: (len(path.relative_to(folder).parts), path))
     named = {path.relative_to(folder).with_suffix("").as_posix(): path for path in files}
-    return MappingProxyType(
-        {name: path for name, path in named.items() if not name.startswith((DEVICES, ADMITTANCE))}
-    )
+    return MappingProxyType({name: path for name, path in named.items() if not name.startswith((DEVICES, ADMITTANCE))})
 
 
 def admittance_names() -> dict[str, Path]:
