@@ -147,7 +147,11 @@ class Ladder:
         sides: Sequence[str],
         progress: Progress = SILENT,
     ) -> Ladder:
-        """Take the rungs that the log bears out, and find the intervals."""
+        """Return the model of the records after it took every rung (a part such as friction) that the log bears out.
+
+        It begins with the lowest `structure` from the values of `start`; `sides` are where the encoder may sit. The
+        intervals follow.
+        """
         window = Partition.of(predictor)
         first = SteadyObserver(max(FIRST_RATE_PER_S, slowest_observer(predictor)))
         values = {OFFSET: 0.0, **start.values}
@@ -173,7 +177,10 @@ class Ladder:
         return ladder
 
     def _try(self, rungs: Sequence[str]) -> str | None:
-        """Try rungs; take the best of those that the evidence supports, and of equals the simplest."""
+        """Try rungs (parts of the model, such as a resonance); take the best that the evidence supports, or None.
+
+        Of those that predict alike the one of the fewest parameters is taken; the others stay as rivals.
+        """
         supported: dict[str, Fit] = {}
         for rung in rungs:
             rich = self._best(rung)
@@ -199,7 +206,7 @@ class Ladder:
         return taken
 
     def _best(self, rung: str) -> Fit | None:
-        """Return the best fit with one more rung, from each of its starts."""
+        """Return the best fit with one more rung (a part of the model) from each of its starts; None without a sign."""
         # A simpler model that misses much has an observer too fast for a search from a distant start.
         slow = min(self.fit.observer.rate_per_s, FIRST_RATE_PER_S)
         starts = list(self._starts(rung))
@@ -227,7 +234,7 @@ class Ladder:
         return evaluate(self.predictor, start.structure, search, self.fit.observer, self.window)
 
     def _loop_in_place_of_a_lag(self) -> None:
-        """Take a current loop where it does better than a lag, from one that is the same lag but for its delay."""
+        """Take a current loop of second order where it predicts better than a lag of first order, from a like one."""
         values, period_s = self.fit.values, self.predictor.sample_time_s
         lag_hz = values["amplifier_bandwidth_hz"]
         start = {**values, "amplifier_bandwidth_hz": _LOOP_OVER_LAG * lag_hz, LOOP_RATIO: _LAG_LIKE_RATIO}
@@ -306,7 +313,11 @@ class Ladder:
                 yield _StartPoint(of_side, start.values)
 
     def _doubt(self, rich: Fit, rung: str) -> str:
-        """Return why a rung that betters the prediction is not told all the same, if it is not."""
+        """Return why a rung that betters the prediction is not taken all the same; empty where it may be.
+
+        A resonance beyond the band or damped like none, an amplifier like a delay, or what the rest of the model
+        explains.
+        """
         values, period_s = rich.values, self.predictor.sample_time_s
         if rung == "resonance":
             band_hz = self.response.band_hz
@@ -338,7 +349,7 @@ class Ladder:
         self.fit = fine_fit(self.predictor, without, self.window, steps=_FINAL_STEPS, tolerance=_FINAL_TOLERANCE)
 
     def _prune(self) -> None:
-        """Drop rungs that the whole model no longer bears out."""
+        """Drop rungs (parts of the model) without which the whole model predicts as well."""
         for rung in ("spring", "loop", "lag", "resonance", "friction"):
             if rung in self.fit.structure.rungs:
                 without = self._without(rung)
@@ -348,7 +359,10 @@ class Ladder:
                     self._drop(rung, without, replace(trial, why="not supported by the log, given the other terms"))
 
     def _intervals(self) -> None:
-        """Find the intervals; a rung too vague for a model is dropped, and the rest is fitted again."""
+        """Find half the interval of each parameter; a part of the model whose own is too wide is dropped, then anew.
+
+        A mass ratio that the log leaves open is fixed at a usual one.
+        """
         while True:
             self.half = half_widths(self.predictor, self.fit, self.window, self.rivals)
             if MASS_RATIO in self.fit.structure.fixed:

@@ -252,7 +252,7 @@ class Law:
 
     @property
     def linear(self) -> Law:
-        """The law at the nominal slopes of its sectors, without these."""
+        """The linear law: sectors, ranges of slopes of its nonlinear pieces, are left out at their nominal slope."""
         if not self.sectors:
             return self
         return Law(

@@ -242,7 +242,11 @@ class TaylorSeries:
     def _until_event(
         self, plant: PlantSymbols, state: list[Expr], force: Expr, target: Any, remaining: Expr, breaking: Expr
     ) -> tuple[list[Expr], Expr, Expr]:
-        """Slide or stick until an event or the end; return the state, the time used and the break-away direction."""
+        """Return state, time used and break-away direction after sliding or sticking until an event, or the end.
+
+        An event is a velocity of 0 while it slides, or a load above the friction while it sticks; both are zeros of a
+        power series. Times are shares of a sample.
+        """
         sliding, direction = _mode(plant, state, force, target, breaking)
         series, loads = self._series(plant, state, force, target, direction * plant.friction, sliding)
         sticking = 1 - sliding

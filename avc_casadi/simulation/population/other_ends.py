@@ -416,7 +416,10 @@ class _Run:
         side.state[into, 0] = 0.0
 
     def _pull(self, to: int, newest: int) -> FloatArray:
-        """Return the coupling force on a side, from its own newest message and the newest received."""
+        """Return the force of K and B on a side, N, from its own newest position and the newest that it has received.
+
+        `to` is the side, 0 the leader, and `newest` the numbers of the messages received, per lane.
+        """
         near, far = self.sides[to].sent, self.sides[1 - to].sent
         # The initial positions come first in each list.
         place = newest + 1

@@ -101,7 +101,10 @@ def actuator_m_per_s2(device: Device) -> float:
 
 
 def board_limits(device: Device) -> BoardLimits:
-    """Return the limits of a board for a device; by default those of the boards."""
+    """Return the limits of force, gains, speed and acceleration of a board for a device, in the device's units.
+
+    What a device does not state is that of the boards, at the radius of its handle.
+    """
     usual = BoardLimits()
     # Implausible motion is defined at the handle.
     reach = device.metres_per_unit
