@@ -74,7 +74,10 @@ class _Hold:
 
 
 def _hold(loop: SampledLoop, hz: FloatArray) -> _Hold:
-    """Return the hold of a loop at frequencies from 0 to Nyquist."""
+    """Return |H|, sin(psi/2) and sin(psi/2) cot(phi) of hold and delay H = |H| exp(-j psi), phi = omega T/2.
+
+    Frequencies are from 0 to Nyquist, Hz.
+    """
     turns = np.maximum(hz * loop.sample_time_s, _ZERO_TURNS)
     paper = loop.model == "paper"
     half_turns = 2 * loop.delay_samples + (1 if paper else 2)

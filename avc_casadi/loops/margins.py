@@ -110,7 +110,7 @@ class OpenLoop:
     def gain(self, turn: FloatArray, loops: IndexArray | slice = slice(None)) -> ComplexArray:
         """Return the loop L = -C(z) P(z), C the law and P the plant, at z = exp(j turn), shape (loops, turns).
 
-        `turn` is omega T, rad a sample; without poles of its own L is dimensionless: 1 + L = 0 is the stability limit.
+        `turn` is omega T, rad a sample. L has no unit; 1 + L = 0 is the limit of stability.
         """
         body = self.body.axes(loops)
         angles = np.broadcast_to(turn, (len(body.a), np.shape(turn)[-1]))

@@ -122,9 +122,11 @@ class PartialFractions:
 def fractions(loop: SampledLoop, damping_ns_per_m: Values, stiffness_n_per_m: Values) -> PartialFractions:
     """Return the partial fractions of coupling and environment in series, Z_eavc; gains above `RIGID` are infinite.
 
-    With the backward difference a coupling b, k and a wall b_e, k_e of sample time T have one pole rho, 1 - rho = T (k
-    + k_e)/(b + k T + b_e + k_e T); the static part is k k_e/(k + k_e). The paper's model has b_e + k_e T/2 in place of
-    b_e + k_e T.
+    With the backward difference a coupling b, k and a wall b_e, k_e, T the sample time, have the pole rho with
+
+        1 - rho = T (k + k_e)/(b + k T + b_e + k_e T)
+
+    and the static part k k_e/(k + k_e). The paper's model has b_e + k_e T/2 in place of b_e + k_e T.
     """
     sampled = loop.model == "sampled-data"
     given = (

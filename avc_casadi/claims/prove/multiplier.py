@@ -62,8 +62,9 @@ class Multiplier:
 def search(omega: FloatArray, loop: ComplexArray) -> tuple[Multiplier, float]:
     """Return the taps with the largest t in Re{M (1 + L)} >= t |1 + L|, and t, of loops L (p,) at angles omega (p,).
 
-    M = 1 - sum h_i exp(-j omega i) is the multiplier with taps h_i. A linear programme over the taps and t: 0 <= h_i <=
-    1, sum h_i <= 1 - 1e-4 and -1 <= t <= 1.
+    M = 1 - sum h_i exp(-j omega i) is the multiplier with taps h_i. A linear programme over the taps and t:
+
+        0 <= h_i <= 1,   sum h_i <= 1 - 1e-4,   -1 <= t <= 1
     """
     import casadi as ca  # noqa: PLC0415
 
