@@ -356,13 +356,13 @@ class AdmittanceCertificate(HandleVerdict):
             ("mass", mass, self.mass_range_kg, unit("kg"), "damping"),
             ("damping", damping, self.damping_range_ns_per_m, unit("N.s/m"), "mass"),
         )
-        for name, value, stable, symbol, other in ranges:
+        for name, value, stable, symbol, kept in ranges:
             if stable is None:
                 continue
             is_low = value < stable[0]
             limit = quantity(stable[0] if is_low else stable[1], symbol)
             side = "least" if is_low else "largest"
-            beyond = f"is {'below' if is_low else 'above'} the {side} at this {other}, {limit}"
+            beyond = f"is {'below' if is_low else 'above'} the {side} at this {kept}, {limit}"
             return f"{name} {quantity(value, symbol)} {beyond}"
         return "neither another mass at this damping nor another damping at this mass is stable"
 
@@ -373,8 +373,8 @@ class AdmittanceCertificate(HandleVerdict):
         """Return JSON values."""
         verdict = {"pass": self.passed, "stable": self.stable, "disk_margin": self.disk_margin, "reason": self.reason}
         numbers = {key: value for key, value in vars(self).items() if key not in ("problem", "law")}
-        own = {"problem": self.problem.name, "law": {"admittance": self.law.model_dump()}, "deployable": verdict}
-        return self.problem.units.document(plain({**own, **numbers}))
+        stated = {"problem": self.problem.name, "law": {"admittance": self.law.model_dump()}, "deployable": verdict}
+        return self.problem.units.document(plain({**stated, **numbers}))
 
 
 def unstable_at_corners_hz(problem: AdmittanceProblem, law: VirtualImpedance) -> float | None:
@@ -421,19 +421,19 @@ def certify_admittance(
     if stated.law is None:
         allowed = "allowed: [law] with admittance = { mass_kg, damping_ns_per_m }, or these values"
         raise InputError.of(f"is missing; {allowed}", file=label_of(problem), key="law")
-    own = stated.law.admittance
+    judged_law = stated.law.admittance
     analysis = HandleAnalysis(stated)
-    ways = tuple(_ways(own, stated)) if remedies else ()
+    ways = tuple(_ways(judged_law, stated)) if remedies else ()
     stages = Stages(progress, len(analysis.family.sides) + _LIMITS + len(ways))
-    certificate = _judged(analysis, own, stages, limits=limits)
+    certificate = _judged(analysis, judged_law, stages, limits=limits)
     if not remedies:
         return certificate
-    found = []
+    changes = []
     for way in () if certificate.passed and certificate.disk_margin >= SOUND_DISK else ways:
         stages.begin(f"another {way.key}")
-        found.append(_least_change(analysis, way))
-    damped = damping_changes(analysis, own) if certificate.passed and certificate.rings else ()
-    return replace(certificate, remedies=tuple(remedy for remedy in found if remedy is not None), damped_by=damped)
+        changes.append(_least_change(analysis, way))
+    damped = damping_changes(analysis, judged_law) if certificate.passed and certificate.rings else ()
+    return replace(certificate, remedies=tuple(remedy for remedy in changes if remedy is not None), damped_by=damped)
 
 
 def _judged(analysis: HandleAnalysis, law: VirtualImpedance, stages: Stages, *, limits: bool) -> AdmittanceCertificate:

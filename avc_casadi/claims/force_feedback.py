@@ -100,8 +100,8 @@ class ForceFeedbackCertificate(HandleVerdict):
         """Return JSON values."""
         verdict = {"pass": self.passed, "stable": self.stable, "disk_margin": self.disk_margin, "reason": self.reason}
         numbers = {key: value for key, value in vars(self).items() if key not in ("problem", "law")}
-        own = {"problem": self.problem.name, "law": self.law.document(), "deployable": verdict}
-        return self.problem.units.document(plain({**own, **numbers}))
+        stated = {"problem": self.problem.name, "law": self.law.document(), "deployable": verdict}
+        return self.problem.units.document(plain({**stated, **numbers}))
 
 
 def certify_force_feedback(
@@ -126,28 +126,32 @@ def certify_force_feedback(
     if stated.law is None:
         allowed = "allowed: [law] with force_feedback = { gain, cutoff_hz }, a spring or a damper"
         raise InputError.of(f"is missing; {allowed}", file=label_of(problem), key="law")
-    own = stated.law
+    judged_law = stated.law
     analysis = SensorAnalysis(stated)
     limits = LawLimits(analysis.family, measure=leading_poles)
     period = analysis.period_s
     # A law without feedback has a gain of 0, of which stable values are looked for too.
-    table = own if own.force_feedback else own.model_copy(update={"force_feedback": ForceFeedback(gain=0.0)})
+    table = (
+        judged_law
+        if judged_law.force_feedback
+        else judged_law.model_copy(update={"force_feedback": ForceFeedback(gain=0.0)})
+    )
 
     def interval(number: LawNumber) -> Interval | None:
         return limits.interval(number, NumberLaws(table, number, lambda changed: [changed.law(period)]))
 
-    others = [number for number in own.numbers(period) if number.path != own.gain_number.path]
+    numbers = [number for number in judged_law.numbers(period) if number.path != judged_law.gain_number.path]
     return ForceFeedbackCertificate(
-        cases=tuple(analysis.case(own, side) for side in analysis.family.sides),
-        stiffest_contact_n_per_m=analysis.stiffest_contact_n_per_m(own),
-        passivity=passivity(analysis.family.sides[0].devices, own.law(period)),
+        cases=tuple(analysis.case(judged_law, side) for side in analysis.family.sides),
+        stiffest_contact_n_per_m=analysis.stiffest_contact_n_per_m(judged_law),
+        passivity=passivity(analysis.family.sides[0].devices, judged_law.law(period)),
         problem=stated,
-        law=own,
-        gain_range=interval(own.gain_number),
-        intervals={number.key: interval(number) for number in others},
+        law=judged_law,
+        gain_range=interval(judged_law.gain_number),
+        intervals={number.key: interval(number) for number in numbers},
         apparent_mass_kg=stated.apparent_mass_kg,
         ideal_limit=IdealLimit.of(stated),
-        noise_n=command_noise_n(stated, own),
+        noise_n=command_noise_n(stated, judged_law),
     )
 
 

@@ -185,8 +185,8 @@ class HandleSide:
 
         place, value = worst_point(of_places, len(box.sides), box.cells)
         kind = int(np.abs(value).argmax())
-        values = {key: float(at[kind]) for key, at in box.values(place).items()}
-        found = WorstHandle(
+        values = {key: float(of_kinds[kind]) for key, of_kinds in box.values(place).items()}
+        searched = WorstHandle(
             value=complex(value[kind]),
             device=self._device_at(values),
             hand={key: values[key] for key in _CARRIED},
@@ -194,8 +194,8 @@ class HandleSide:
         corners = self.corner_pairs
         at_corners = np.abs(np.atleast_2d(measure(plants_of(corners), {}))).max(axis=0)
         worst = int(at_corners.argmax())
-        if at_corners[worst] < found.radius:
-            return found
+        if at_corners[worst] < searched.radius:
+            return searched
         device, hand = corners[worst]
         return WorstHandle(complex(at_corners[worst]), device, hand.values(0))
 
@@ -208,8 +208,8 @@ class HandleSide:
         if not self.device.ranges:
             return sampled_drive([self.device], [Hand(*hands)])
         rows = range(len(hands[0]))
-        devices = [self._device_at({key: float(at[row]) for key, at in values.items()}) for row in rows]
-        return sampled_drive(devices, [Hand(*(at[row : row + 1] for at in hands)) for row in rows])
+        devices = [self._device_at({key: float(column[row]) for key, column in values.items()}) for row in rows]
+        return sampled_drive(devices, [Hand(*(column[row : row + 1] for column in hands)) for row in rows])
 
     def parts(self, hand: Mapping[str, float]) -> tuple[dict[str, float], dict[str, float]]:
         """Return mass, damping and stiffness of a hand and of a contact whose sums are those of a `hand`.
@@ -217,11 +217,11 @@ class HandleSide:
         Both are as far into their ranges as the sum is into its own.
         """
         of_hand, of_contact = {}, {}
-        for key, own, contact in zip(_CARRIED, self.hand, self.contact, strict=True):
+        for key, hand_ends, contact_ends in zip(_CARRIED, self.hand, self.contact, strict=True):
             low, high = self.carried[key]
             share = (hand[key] - low) / (high - low) if high > low else 0.0
-            of_hand[key] = own[0] + share * (own[1] - own[0])
-            of_contact[key] = contact[0] + share * (contact[1] - contact[0])
+            of_hand[key] = hand_ends[0] + share * (hand_ends[1] - hand_ends[0])
+            of_contact[key] = contact_ends[0] + share * (contact_ends[1] - contact_ends[0])
         return of_hand, of_contact
 
 

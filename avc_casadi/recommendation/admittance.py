@@ -132,8 +132,8 @@ class AdmittanceRecommendation(Printed):
         judged = None if self.certificate is None else self.certificate.document()
         numbers = {key: value for key, value in vars(self).items() if key not in ("problem", "certificate")}
         law = None if self.law is None else {"admittance": self.law.model_dump()}
-        own = {"problem": self.problem.name, "deployable": self.passed, "reason": self.reason, "law": law}
-        return self.problem.units.document(plain({**own, **numbers, "certificate": judged}))
+        stated = {"problem": self.problem.name, "deployable": self.passed, "reason": self.reason, "law": law}
+        return self.problem.units.document(plain({**stated, **numbers, "certificate": judged}))
 
 
 def effort_ns_per_m(law: VirtualImpedance) -> float:
@@ -269,8 +269,8 @@ def recommend_admittance(problem: AnyAdmittance, progress: Progress = SILENT) ->
         40.0
     """
     stated = as_admittance(problem)
-    own = stated.law.admittance if stated.law else None
-    base = own or _ANY_LAW
+    stated_law = stated.law.admittance if stated.law else None
+    base = stated_law or _ANY_LAW
     analysis = HandleAnalysis(stated)
     law, limit = None, _FIRST_LIMIT
     cutoffs = _cutoffs(base, stated)
@@ -289,7 +289,7 @@ def recommend_admittance(problem: AnyAdmittance, progress: Progress = SILENT) ->
             limit *= min(_BACK_OFF * SOUND_DISK / max(margin, SOUND_DISK / 2), _BACK_OFF**4)
         law = None
     stages.begin("least mass and damping")
-    least_mass, least_damping = _at_own(analysis, own, limit)
+    least_mass, least_damping = _at_own(analysis, stated_law, limit)
     if law is None:
         return AdmittanceRecommendation(stated, None, math.inf, least_mass, least_damping, ())
     chosen = stated.changed(law={"admittance": law.model_dump(exclude_none=True)})
@@ -348,23 +348,23 @@ def _up(value: float) -> float:
 def _least_effort(
     analysis: HandleAnalysis, bases: Sequence[VirtualImpedance], limit: float, stages: Stages
 ) -> VirtualImpedance | None:
-    found = []
+    laws = []
     for base in bases:
         stages.begin("force without a filter" if base.cutoff_hz is None else f"force below {base.cutoff_hz:g} Hz")
-        found.append(_Choice.among(analysis, base).best(limit))
-    return min((law for law in found if law is not None), key=effort_ns_per_m, default=None)
+        laws.append(_Choice.among(analysis, base).best(limit))
+    return min((law for law in laws if law is not None), key=effort_ns_per_m, default=None)
 
 
-def _at_own(analysis: HandleAnalysis, own: VirtualImpedance | None, limit: float) -> tuple[float | None, float | None]:
+def _at_own(analysis: HandleAnalysis, law: VirtualImpedance | None, limit: float) -> tuple[float | None, float | None]:
     """Return the lightest sound mass, kg, at a law's damping, and the least sound damping, N.s/m, at its mass.
 
     Each is None where there is none. `limit` is the required disk margin.
     """
-    if own is None:
+    if law is None:
         return None, None
-    choice = _Choice.among(analysis, own)
-    mass = choice.masses(own.damping_ns_per_m, limit).low if own.damping_ns_per_m else math.nan
-    damping = choice.dampings(own.mass_kg, limit).low if own.mass_kg else math.nan
+    choice = _Choice.among(analysis, law)
+    mass = choice.masses(law.damping_ns_per_m, limit).low if law.damping_ns_per_m else math.nan
+    damping = choice.dampings(law.mass_kg, limit).low if law.mass_kg else math.nan
     known = [None if math.isnan(value) else value for value in (mass, damping)]
     return known[0], known[1]
 
@@ -377,7 +377,7 @@ def _better_devices(
     `limit` is the required disk margin; each change is a stage.
     """
     problem = analysis.problem
-    found = []
+    devices = []
     for key, factor in _CHANGES.items():
         stages.begin(f"with another {key}")
         before = problem.device.value(key)
@@ -387,5 +387,5 @@ def _better_devices(
         better = _Choice.among(changed, law).best(limit)
         if better is not None and effort_ns_per_m(better) < effort_ns_per_m(law):
             effort = effort_ns_per_m(better)
-            found.append(BetterDevice(key, before * factor, better.mass_kg, better.damping_ns_per_m, effort))
-    yield from sorted(found, key=lambda better: better.effort_ns_per_m)
+            devices.append(BetterDevice(key, before * factor, better.mass_kg, better.damping_ns_per_m, effort))
+    yield from sorted(devices, key=lambda better: better.effort_ns_per_m)

@@ -202,9 +202,9 @@ class Evaluator:
         coupling, trial = candidate.coupling, candidate.trial
         if trial.hands < len(self._hands):
             trial = self._trial(coupling, self._hands)
-        others = try_on_devices(coupling, next(self._others), self._devices, self._seed, self._executor)
+        trial_of_others = try_on_devices(coupling, next(self._others), self._devices, self._seed, self._executor)
         beyond = candidate.beyond or self._tried_beyond(coupling)
-        confirmed = replace(candidate, trial=trial, others=others, beyond=beyond)
+        confirmed = replace(candidate, trial=trial, others=trial_of_others, beyond=beyond)
         place = next(place for place, known in enumerate(self.candidates) if known is candidate)
         self.candidates[place] = confirmed
         return confirmed

@@ -93,8 +93,8 @@ class ForceFeedbackRecommendation(Printed):
         """Return JSON values."""
         judged = None if self.certificate is None else self.certificate.document()
         law = None if self.certificate is None else self.certificate.law.document()
-        own = {"problem": self.problem.name, "deployable": self.passed, "reason": self.reason, "law": law}
-        return self.problem.units.document(plain({**own, "helps": self.helps, "certificate": judged}))
+        stated = {"problem": self.problem.name, "deployable": self.passed, "reason": self.reason, "law": law}
+        return self.problem.units.document(plain({**stated, "helps": self.helps, "certificate": judged}))
 
 
 def recommend_force_feedback(problem: AnyForceFeedback, progress: Progress = SILENT) -> ForceFeedbackRecommendation:
