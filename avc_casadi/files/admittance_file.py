@@ -171,6 +171,7 @@ def as_force_feedback(problem: AnyForceFeedback) -> ForceFeedbackProblem:
 
 
 def _as_sensor_problem(problem: AnyAdmittance | AnyForceFeedback) -> SensorProblem:
+    """Return the problem of a device with a force sensor, from itself, its file or name, or its tables."""
     if isinstance(problem, AdmittanceProblem | ForceFeedbackProblem):
         return problem
     if isinstance(problem, str | Path):
@@ -185,6 +186,7 @@ def _as_sensor_problem(problem: AnyAdmittance | AnyForceFeedback) -> SensorProbl
 
 
 def _of_tables(tables: Mapping[str, Any], name: str) -> SensorProblem | list[Finding]:
+    """Return the problem of tables in the units of their motion, or what is wrong with them."""
     device = tables.get("device")
     if isinstance(device, Mapping) and "from" in device:
         why = "is not supported for a device with a force sensor; state all values in [device]"

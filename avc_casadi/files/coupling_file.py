@@ -274,6 +274,7 @@ def _runs(end: End, coupling: Coupling) -> dict[str, Any]:  # noqa: ARG001 - a s
 
 @_runs.register
 def _runs_at_wall(end: Wall, coupling: Coupling) -> dict[str, Any]:  # noqa: ARG001
+    """Return what a coupling to a wall runs, as its file states it: method, table and runtime."""
     return {
         "method": coupling.method,
         "structure": coupling.structure,

@@ -61,6 +61,7 @@ class ModelledJoint:
         return "\n".join(self._lines()) + "\n"
 
     def _lines(self) -> Iterator[str]:
+        """Yield the lines of the problem file of a joint: mass over its poses, damping, step, integrator, law."""
         units = units_for(self.motion)
         low, high = self.range_kg
         mass = f"[{float(f'{low:.4g}')}, {float(f'{high:.4g}')}]"
@@ -154,6 +155,7 @@ class _Poses:
     """
 
     def __init__(self, model: Any, joint: int) -> None:
+        """Find the joints that move with one and the ranges of their poses; refuse other slides without limits."""
         mujoco = mujoco_library()
         self.model = model
         self.data = mujoco.MjData(model)

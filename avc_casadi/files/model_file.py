@@ -148,6 +148,7 @@ class _Tip:
     """
 
     def __init__(self, model: Any, name: str) -> None:
+        """Find a part of a model by name and the joints that move it; refuse joints that neither turn nor slide."""
         mujoco = mujoco_library()
         self.model = model
         self.data = mujoco.MjData(model)

@@ -89,6 +89,7 @@ class KeyLines:
     """The line of every key of a valid TOML text that begins a line."""
 
     def __init__(self, text: str) -> None:
+        """Read in which line of a TOML text each key stands, those of tables and of lists of tables too."""
         self._lines: dict[KeyPath, int] = {}
         # The index of the last table of each list of tables.
         last_index: dict[KeyPath, int] = {}

@@ -324,7 +324,7 @@ def _faults_of_order(columns: Columns) -> list[Fault]:
 
 
 def _faults_of_wraps(columns: Columns) -> list[Fault]:
-    """Return a counter that overflows, as a fault."""
+    """Return the fault of a position that jumps over most of its range, as a counter that overflows; or none."""
     wraps = _wraps(columns)
     if not wraps.size:
         return []

@@ -120,6 +120,7 @@ def level_clauses(finding: LevelFinding, units: Units) -> tuple[str, ...]:  # no
 
 @level_clauses.register
 def _passivity_claim(claim: PassivityClaim, units: Units) -> tuple[str, ...]:  # noqa: ARG001
+    """Return the claim of a level of passivity: its condition, the hold of the model, and the corners judged."""
     if claim.condition is PassivityCondition.LLEWELLYN:
         condition = "each frozen row meets Llewellyn's condition (6) for any passive environment"
     elif claim.condition is PassivityCondition.PASSIVE:
@@ -208,6 +209,7 @@ def _unstable_behind_observer(finding: UnstableBehindObserver, units: Units) -> 
 
 @level_clauses.register
 def _rest(finding: RestFinding, units: Units) -> tuple[str, ...]:  # noqa: ARG001
+    """Return the outcome of the proofs of rest of all rows, and the sentence of the worst."""
     if finding.worst is None:
         return ("no row has gains",)
     outcomes = finding.outcomes

@@ -102,6 +102,7 @@ def _no_multiplier(reason: NoMultiplier) -> str:
 
 @ground_clauses.register
 def _beyond_proof(ground: BeyondProof, units: Units) -> tuple[str, ...]:
+    """Return what of a runtime the proof of rest does not know, and its outcome without it."""
     not_known = []
     if ground.observer:
         not_known.append("the observer between encoder steps is not linear")

@@ -246,7 +246,11 @@ class EngineEffect(SceneEffect, keys=SimulationEffect, rank=155, role="environme
     def _output(
         self, tick: Tick, steps: Expr, before: tuple[Expr, Expr], after: tuple[Expr, Expr], force: Expr, start_m: float
     ) -> list[Expr]:
-        """Delay the engine's output by its queued steps and return what the device receives now."""
+        """Return what the device receives now of the engine: the force on the tool, or its position and velocity.
+
+        At each step the newest is taken, `before` or `after` the step by the exchange, and comes late by the queued
+        steps.
+        """
         exchange = self.tool.exchange
         fresh = [force] if exchange == "held-force" else list(after if exchange == "ahead" else before)
         starts = [0.0] if exchange == "held-force" else [start_m, 0.0]

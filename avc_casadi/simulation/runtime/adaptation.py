@@ -87,7 +87,11 @@ def _slew(before: Expr, wanted: Expr, settings: AdaptationSettings, sample_time_
 def _anchor(
     builder: StepBuilder, settings: AdaptationSettings, sample_time_s: float, deflection: Expr, k_before: Expr, k: Expr
 ) -> Expr:
-    """Return the anchor, moved as far as the tank pays."""
+    """Return the anchor, m, at which the coupling's spring is relaxed, moved as far as the tank's energy pays.
+
+    A spring that becomes stiffer keeps its force, a softer one its stretch. Then the anchor goes to where the spring at
+    rest would have the mean force, in `return_s`; in free space it is 0.
+    """
     available = ca.fmax(_tank(builder, settings, deflection, k_before), 0)
     touching, rest = builder.input("touching"), builder.input("rest_stiffness_n_per_m")
     anchor, mean = builder.state("anchor_m"), builder.state("mean_deflection_m")
@@ -110,7 +114,11 @@ def _anchor(
 
 
 def _tank(builder: StepBuilder, settings: AdaptationSettings, deflection: Expr, k_before: Expr) -> Expr:
-    """Return the tank's energy after the previous tick; the cost of the spring is in the stored energy."""
+    """Return the energy of the tank after the previous tick, J, within its limits: work less growth of what is stored.
+
+    The work is the mean force times the move; stored is k stretch^2/2 of the coupling's spring and the environment's
+    energy.
+    """
     environment, force = builder.input("environment_energy_j"), builder.input("held_force_n")
     position = builder.input("position_m")
     tank, stored = builder.state("tank_j"), builder.state("stored_j")
