@@ -87,7 +87,6 @@ def _unstable_stiffness(reason: reasons.UnstableStiffness, units: Units) -> tupl
 
 @clauses.register
 def _nothing_rendered(reason: reasons.NothingRendered, units: Units) -> tuple[str, ...]:
-    """Return why a press renders nothing: encoder step, force limit or friction against a press, and advice."""
     newton, metre = units.unit("N"), units.unit("m")
     limit = f"the force limit (device.max_force_n, {reason.limit_n:g} {newton})" if reason.limit_n is not None else ""
     weaker_than_press = reason.limit_n is not None and reason.limit_n < reason.press_n
@@ -143,7 +142,6 @@ def _none_settles(reason: reasons.NoneSettles, units: Units) -> tuple[str, ...]:
 
 @clauses.register
 def _nearest_to_wall(reason: reasons.NearestToWall, units: Units) -> tuple[str, ...]:
-    """Return that a coupling is the closest to the wall, and the flaw of a closer one."""
     why = [f"the closest to the wall, in motion and when released, of {reason.candidates} deployable candidates"]
     if reason.by_friction:
         why.append("some hands settle only because of the declared dry friction")
@@ -190,7 +188,6 @@ _CIRCUMSTANCES: dict[Variant, str] = {
 
 @clauses.register
 def _unsettled(reason: reasons.Unsettled, units: Units) -> tuple[str, ...]:
-    """Return how many hands do not settle with a stiffness, and in which motion or circumstance."""
     trial = reason.trial
     motion = trial.hardest_motion
     count = trial.hands - int(trial.by_motion[motion].sum())
@@ -204,7 +201,6 @@ def _unsettled(reason: reasons.Unsettled, units: Units) -> tuple[str, ...]:
 
 @clauses.register
 def _stiffest_settled(reason: reasons.StiffestSettled, units: Units) -> tuple[str, ...]:
-    """Return why a stiffness is the largest: its margin, and how a stiffer one fails."""
     most = "the requested stiffness" if reason.required else "the stiffest with its margin and all hands settled"
     why = [most]
     if reason.low_gain_margin is not None:
@@ -243,7 +239,6 @@ def _follower_limit(reason: reasons.FollowerLimit, units: Units) -> tuple[str, .
 
 @clauses.register
 def _hands_unsettled(reason: reasons.HandsUnsettled, units: Units) -> tuple[str, ...]:  # noqa: ARG001
-    """Return how many hands settle with the last coupling that was tried, and the hardest motion."""
     trial = reason.trial
     coupling = "the last coupling" if reason.last is LastTried.ANY else "the softest coupling"
     settle = f"of {trial.hands} simulated hands {trial.settled} settle with {coupling} that was tried"

@@ -89,8 +89,8 @@ def _anchor(
 ) -> Expr:
     """Return the anchor, m, at which the coupling's spring is relaxed, moved as far as the tank's energy pays.
 
-    A spring that becomes stiffer keeps its force, a softer one its stretch. Then the anchor goes to where the spring at
-    rest would have the mean force, in `return_s`; in free space it is 0.
+    A spring that becomes stiffer keeps its force, a softer one its stretch. Then, in `return_s`, the anchor goes to
+    where it gives the force of the stiffness at rest at the mean deflection; in free space it is 0.
     """
     available = ca.fmax(_tank(builder, settings, deflection, k_before), 0)
     touching, rest = builder.input("touching"), builder.input("rest_stiffness_n_per_m")
