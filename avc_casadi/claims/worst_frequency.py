@@ -39,7 +39,7 @@ def size_of_terms(
 ) -> FloatArray:
     """Return the sum of the sizes of the terms of Re Z_h, N.s/m, of which rounding errors are a multiple.
 
-    At given frequencies, or a bound over all.
+    It is that at given frequencies, Hz, or without them a bound over all frequencies.
     """
     if frequency_hz is not None:
         amplitude, terms = _terms(loop, parts, contact_damping_ns_per_m, frequency_hz)

@@ -176,7 +176,10 @@ class PairDesign:
         return ()
 
     def limits(self, gains: ToolGains | None) -> dict[str, Any]:  # noqa: ARG002 - of some kinds of end alone
-        """Return the values of `PairLimits`, some of them of the gains, if there are any."""
+        """Return the stiffest coupling, its worst loop beyond the limit, the number of loops, and the wanted stiffness.
+
+        Kinds of end add values, some of them of the gains, if there are any.
+        """
         stiffest = self.stiffest
         beyond = stiffest.times(self.beyond_limit) if stiffest.stiffness_n_per_m else self.search.softest
         return {

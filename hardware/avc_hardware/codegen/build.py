@@ -67,7 +67,7 @@ def _build_name(board: Board, figures: RuntimeFigures) -> str:
 
 
 def options_of(made: Path, build: str) -> list[str]:
-    """Return the options; ``made`` is the folder of the generated sources."""
+    """Return the options of the C compiler of a firmware; ``made`` is the folder of the generated sources."""
     return [
         "-std=c11",
         "-O2",

@@ -73,7 +73,7 @@ class CSubject:
 
 
 def coupling_subject(coupling: Coupling, verdict: Deployable) -> CSubject:
-    """Return a coupling to a wall as what is exported."""
+    """Return a coupling to a wall as what is exported to C: its head, units, verdict and table."""
     problem, table = coupling.problem, coupling.table
     feedback = coupling.runtime.state_feedback
     low, high = table.frequency_hz[[0, -1]]

@@ -186,7 +186,7 @@ class _CouplingSample(_Sample):
         self.frequency = looked.frequency[0] if looked.frequency else None
 
     def _parameters(self) -> list[float]:
-        """Return the values of the tick's parameters, in its order."""
+        """Return the numbers of a coupling with constant gains and of its observer, in the order of its sample."""
         coupling, wall = self.coupling, self.coupling.wall
         gains = coupling.table.at_rest
         environment = Environment(wall.stiffness_n_per_m, wall.damping_ns_per_m, one_sided=True)

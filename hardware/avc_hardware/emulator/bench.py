@@ -45,7 +45,7 @@ class BenchPlant:
     def __init__(
         self, plant: LinearPlant, sample_time_s: float, *, friction_n: float = 0.0, delay_samples: float = 0.0
     ) -> None:
-        """Discretise exactly, but for friction within a sixteenth of a sample."""
+        """Put a plant at rest, with exact transitions over a sample, and friction in sixteenths of it."""
         whole = int(delay_samples)
         late = delay_samples - whole
         self._friction_n = friction_n

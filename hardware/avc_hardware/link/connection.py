@@ -103,7 +103,7 @@ class Connection:
             raise
 
     def run(self, dialogue: Generator[Exchange, Answer, T]) -> T:
-        """Run a dialogue to its end."""
+        """Send the messages of a dialogue and hand it the answers until it returns; give up at the deadline."""
         end_s = self.link.now_s() + self._deadline_s
         try:
             exchange = next(dialogue)
