@@ -105,10 +105,7 @@ def corners_and_knots(cells: Sequence[int], draws: int) -> FloatArray:
 
 
 def _everywhere(cells: Sequence[int]) -> FloatArray:
-    """Return places (sides, m) all over a box: corners, knots, edges of one cell, points inside.
-
-    `cells` is the number of cells of each side.
-    """
+    """Return places (sides, m) all over a box: corners, knots, edges of one cell, points inside."""
     sides = len(cells)
     top = np.array(cells, dtype=np.float64)[:, None]
     places = corners_and_knots(cells, KNOT_DRAWS)
@@ -192,7 +189,7 @@ def _lines(place: FloatArray, top: FloatArray) -> FloatArray:
 
 
 def _far_apart(values: FloatArray, places: FloatArray, count: int) -> list[int]:
-    """Return the indices of the `count` largest values whose places (sides, m) differ by a quarter of a cell."""
+    """Return where the largest values are that lie apart, the largest first."""
     chosen: list[int] = []
     left = np.where(np.isnan(values), -np.inf, values)
     while len(chosen) < count and np.isfinite(left).any():
