@@ -110,7 +110,11 @@ class _Swings:
         return FrictionCredit(self.friction_n, limit.swing_m, speed, limit.turn_per_s / (2 * math.pi))
 
     def largest(self, modes: _Modes) -> _Limit:
-        """Return the largest motion that comes to rest, by a scan of swings and a search of the limit between two."""
+        """Return the largest swing, m, from which friction brings the law to rest, with its rate and frequency, rad/s.
+
+        Swings are tried from the smallest up; the limit is searched between the last that rests and the next. `modes`
+        are those of each point's loop at the least of motions, which give the speed of a swing.
+        """
         rests_m = 0.0
         for swing_m in self._tried_m(modes).tolist():
             motion = self._motion(swing_m, modes)

@@ -197,7 +197,10 @@ class LawLimits:
         return growth
 
     def _confirmed(self, laws_of: LawsOf, values: Sequence[float]) -> bool:
-        """Return whether all points, at corners and searched, are stable at values of a number; keep the others."""
+        """Return whether the laws at each value of a number are stable at all points: those kept, else searched ones.
+
+        Points of device and hand that are not are kept, and belong to those that decide from then on.
+        """
         confirmed = True
         for value in values:
             laws = laws_of(np.array([value]))

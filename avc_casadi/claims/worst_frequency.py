@@ -56,8 +56,9 @@ def _terms(
 ) -> tuple[FloatArray, tuple[FloatArray, ...]]:
     """Return h and the terms whose sum times h is Re of the held rendering, N.s/m; those of opposite sign apart.
 
-    With phi = omega T/2 and psi the lag of hold and delay, they are g cos psi, b_p cos psi, the integral part -r
-    sin(psi + phi)/(2 sin phi), and two of the decaying part c w/(1 - rho w).
+    `parts` are g + r w/(1 - w) + c w/(1 - rho w), w = exp(-j omega T), of coupling and wall; h is 1, in the paper's
+    model cos phi. With phi = omega T/2 and psi the lag of hold and delay, the terms are g cos psi, b_p cos psi (b_p the
+    `contact` damping), -r sin(psi + phi)/(2 sin phi), and two of c w/(1 - rho w).
     """
     turns = np.maximum(np.asarray(frequency_hz, dtype=np.float64) * loop.sample_time_s, _ZERO_TURNS)
     sine = np.sin(np.pi * turns)

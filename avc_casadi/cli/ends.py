@@ -111,6 +111,7 @@ def _certified_at_wall(
     args: argparse.Namespace,
     console: Console,
 ) -> Answer:
+    """Answer `certify` of a coupling to a wall: its certificate, the table that runs, and the files of its proof."""
     problem, proofs = subject.problem, dict[str, Any]()
     with nullcontext() if args.proof_out is None else output_folder(args.proof_out, "--proof-out") as folder:
         with console.step(f"certificate of {coupling.schedule.rows} rows"):

@@ -115,7 +115,7 @@ def tool_region(
     rates: Sequence[float] = (0.25, 0.5, 1.0, 2.0, 4.0),
     summits: bool = True,
 ) -> ToolRegion:
-    """Return the largest stable K, to 2 %, at each damper, for the engine's step and faster and slower ones.
+    """Return the largest stable spring K, N/m, to 2 %, at each damper B, N s/m, for the engine's step and other ones.
 
     Args:
         problem: a problem with [simulation].

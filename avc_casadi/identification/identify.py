@@ -236,7 +236,7 @@ def _check_motion(records: Sequence[Record], step_m: float | None) -> None:
 
 
 def _check_start(start: Start, motion: MotionKind, *, flip_force: bool) -> Start:
-    """Refuse a force of reversed sign, and implausible units."""
+    """Return the start of a fit, m x'' + b x' = F, unless F seems to have the wrong sign, or m not to be in kg."""
     mass = start.values["mass_kg"]
     follows = start.r_squared >= _RIGID_R_SQUARED
     if mass < 0 or (start.against and follows):

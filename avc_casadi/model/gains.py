@@ -382,7 +382,12 @@ class GainTable(Tabular):
 
 
 def fewest_rows(table: FloatArray, tolerance: float) -> IndexArray:
-    """Return positions of the fewest rows between which all others are within a tolerance of the gains."""
+    """Return the indices of the fewest rows of a table whose interpolation keeps all other rows within a tolerance.
+
+    Args:
+        table: per row the frequency, Hz, above 0 and ascending, then the gains, which are linear in ln(frequency).
+        tolerance: the largest deviation as a share of the gain; of a gain of 0, as a share of the column's largest.
+    """
     # A line from a row is within tolerance while its slope lies in the interval of each row between: a narrowing cone.
     ln_frequency, gains = np.log(table[:, 0]), table[:, 1:]
     size = np.where(gains == 0, np.maximum(gains.max(axis=0), 1.0), gains)

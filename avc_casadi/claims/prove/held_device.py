@@ -175,9 +175,10 @@ class SampledPlantBox:
         return term * (Disc(late, _ROUGH) if moving else late)
 
     def _compliance(self, s: Value, numbers: dict[str, Value], t: float) -> tuple[Value, Value]:
-        """Return numerator and denominator of position over commanded force, over T^2, 1/kg, at s a sample.
+        """Return numerator and denominator of x/(F T^2), 1/kg, x the encoder's position over the commanded force F.
 
-        `numbers` are the values of the hand, and of what of the device has a range; t is the sample time.
+        s is Laplace's variable times T (without unit), t the sample time T, s. `numbers` holds the values of the
+        hand, and of each number of the device that has a range; the others are as the device declares them.
         """
         known = Disc.with_rounding if isinstance(s, Moving) else complex
         device = self.device

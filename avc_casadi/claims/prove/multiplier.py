@@ -296,7 +296,13 @@ def _value(coefficients: list[Disc], variable: Moving) -> Moving:
 
 
 def _cut(cells: _Cells, across: FloatArray, whole: FloatArray) -> _Cells:
-    """Bisect each cell across the number with the largest decrease; where none is known, across the widest."""
+    """Return both halves of each cell, cut in the middle of one of its numbers (the angle, and those of the hand).
+
+    Args:
+        cells: boxes of the numbers, (cells, numbers).
+        across: how much the real part may fall from the middle along each number, (cells, numbers); nan if unknown.
+        whole: width of the whole box, by which the widest number is found where `across` is unknown.
+    """
     width = cells.high - cells.low
     relative_width = width / np.where(whole > 0, whole, 1.0)
     number = np.argmax(np.where(np.isfinite(across), across * (width > 0), relative_width), axis=1)

@@ -105,7 +105,7 @@ class Rest:
         return worded(self.ground, self.device.units)
 
     def verify(self, progress: Progress = SILENT) -> bool:
-        """Return whether the stored multiplier verifies again; law and device must share T, and the box be valid."""
+        """Return whether the stored multiplier proves again that the law comes to rest with each hand of the box."""
         multiplier = self.multiplier
         if multiplier is None or not multiplier.valid or self.device.sample_time_s != self.law.sample_time_s:
             return False

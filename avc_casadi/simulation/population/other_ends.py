@@ -282,7 +282,11 @@ class _Side:
         return np.asarray(np.round(position / self.step_m) * self.step_m if self.step_m > 0 else position)
 
     def move(self, which: BoolArray, force: FloatArray, target: FloatArray | None = None) -> None:
-        """Advance by a sample: the commanded force, N, and the hand's target; `which` lanes have the second hand."""
+        """Advance the states of all lanes by one sample.
+
+        `force` is the commanded force of each lane, N, `target` where its hand aims, m; the lanes of `which` move with
+        the second hand's matrices, the others with the first's.
+        """
         count, nexts = len(self.names), []
         for (matrix, push), aim in zip(self.maps, self.aims, strict=True):
             after = np.matmul(matrix, self.state[..., None])[..., 0] + push * force[:, None]
