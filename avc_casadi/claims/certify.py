@@ -196,7 +196,7 @@ def _sampled_parts(problem: Problem, b: FloatArray, k: FloatArray) -> PartialFra
 
 
 def proof_files(problem: Problem, certificate: Certificate) -> dict[str, dict[str, Any]]:
-    """Return the proof files of the requested levels, by name: JSON values."""
+    """Return the proof files by name: of each level with proofs of its rows (L7) these and its claim, as JSON."""
     tables = {name: getattr(problem, name).model_dump(mode="json") for name in ("device", "environment", "hands")}
     return {
         f"{level}.json": plain(

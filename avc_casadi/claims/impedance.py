@@ -361,7 +361,10 @@ def below_quarter_rate(device: Device, frequency_hz: FloatArray) -> FloatArray:
 
 
 def target_impedance(problem: Problem, frequency_hz: FloatArray) -> tuple[ComplexArray, FloatArray]:
-    """Return the impedance of device and continuous wall as one body, and the larger of it and the wall's own."""
+    """Return the impedance Z of device and continuous wall as one body, N.s/m, and max(|Z|, |Z_e|), Z_e the wall's own.
+
+    Z_e = b_e + k_e/s and Z = m s + b_d + Z_e, m and b_d of the device, s = j 2 pi f.
+    """
     device = problem.device
     wall = problem.environment
     s = 2j * np.pi * frequency_hz
@@ -371,7 +374,11 @@ def target_impedance(problem: Problem, frequency_hz: FloatArray) -> tuple[Comple
 
 
 def rendered(problem: Problem, force_n_per_m: ComplexArray, frequency_hz: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the stiffness that a transfer from measured position to force renders at the handle, and its error."""
+    """Return the stiffness that a law renders at the handle, N/m, and its error, at each frequency.
+
+    The law is its transfer from measured position to force. With Z_h the impedance at the handle, m and b_d of the
+    device and Z of `target_impedance`, they are |(Z_h - m s - b_d) s| and |Z_h - Z|/max(|Z|, |Z_e|).
+    """
     device = problem.device
     s = 2j * np.pi * frequency_hz
     alone = device.mass_kg * s + device.damping_ns_per_m

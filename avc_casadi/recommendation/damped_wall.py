@@ -97,7 +97,8 @@ def _rendered_directly(problem: Problem) -> Coupling:
 def _reached(declared: Problem, coupling: Coupling) -> DampedWall | None:
     """Return damping, settling time and error of a coupling to a damped wall; None where its disk margin is too small.
 
-    The error is |Z_h - Z|/max(|Z|, |Z_e|) against the declared wall, at 1 and 10 Hz.
+    The error is |Z_h - Z|/max(|Z|, |Z_e|) at 1 and 10 Hz: Z_h the impedance at the handle, Z_e the declared wall's, Z
+    that of wall and device.
     """
     if OpenLoop.of(coupling).quick_disk_margin < DISK_MARGIN:
         return None

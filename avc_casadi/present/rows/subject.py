@@ -168,7 +168,11 @@ def hand(values: Mapping[str, float]) -> tuple[Part, ...]:
 
 
 def passive_limit(limit_n_per_m: float | None) -> Row:
-    """Return the largest static stiffness of any passive linear rendering: 2 b_d/((1 + d) T) at the worst of ranges."""
+    """Return the row of the largest static stiffness of any passive linear rendering, N/m.
+
+    It is 2 b_d/((1 + d) T), the least over the ranges: b_d the device's damping, d its delay in samples, T the sample
+    time.
+    """
     if limit_n_per_m is None or math.isnan(limit_n_per_m):
         return row(
             "Passive limit", "not computed: it needs a rigid device, an ideal amplifier and whole samples of delay"
