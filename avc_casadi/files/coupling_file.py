@@ -121,7 +121,7 @@ def gain_csv(gains: GainSchedule) -> str:
 
 
 def read_csv(path: Path) -> GainTable:
-    """Read a table of gains."""
+    """Read a gain table from CSV: a header of `TABLE_COLUMNS` (the last is optional), and a row for each frequency."""
     file = str(path)
     reader = csv.reader(io.StringIO(read_text(path, MOST_BYTES, NEXT_STEP)))
     try:

@@ -176,7 +176,10 @@ def _link(tick: Tick, stretch: Rate, kappa_e: Expr, environment: Environment) ->
 
 
 def _spring_energy(tick: Tick, environment: Environment, deflection: Expr, rate_gain_per_s: Expr, link: _Link) -> Expr:
-    """Return the energy of the coupling's spring that the hand can recover, J: k deflection^2/2."""
+    """Return the energy of the coupling's spring that the hand can recover, J: k deflection^2/2; 0 of a rigid one.
+
+    k is that of the link's kappa = k + b gain, with `rate_gain_per_s` the gain, 1/s.
+    """
     if environment.one_sided:
         deflection = environment.by_law(ca.fmax(deflection, 0), deflection)
     if tick.adaptive is not None:

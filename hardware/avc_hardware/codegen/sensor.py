@@ -108,7 +108,10 @@ class SensorBounds:
         )
 
     def most_bad_samples(self, reach: float) -> int:
-        """Return how many samples in a row are refused that jump and then drift back to a device at rest."""
+        """Return how many samples in a row are refused, at most, that jump and then drift back to a device at rest.
+
+        `reach` is the way of the handle, m, per unit of position, m or rad.
+        """
         samples = 0
         while samples < self.lost_samples:
             further = samples + 1
