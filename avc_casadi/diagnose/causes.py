@@ -178,6 +178,7 @@ class Diagnosis:
             "damping_ns_per_m": best.device.damping_ns_per_m,
             "hand": best.hand and best.hand.values(0),
             "resonance": best.device.resonance and best.device.resonance.model_dump(),
+            "resonance_hz": self.fit.resonance_hz,
         }
 
 
@@ -457,7 +458,7 @@ def _judge(diagnosis: Diagnosis, law: FittedLaw, fits: Sequence[PlantFit]) -> Di
         remedies=tuple(dict.fromkeys(remedies)),
     )
     if not doubts:
-        words = f"{CAUSES[first].name}: {cause_numbers(first, fit.best, law, log, diagnosis.swing, design)}"
+        words = f"{CAUSES[first].name}: {cause_numbers(first, fit, law, log, diagnosis.swing, design)}"
         words += "; travel stops limit the motion" if fit.best.stops is not None else ""
         return replace(diagnosis, verdict="named", cause=first, candidates=(first,), conclusion=words)
     names = " or ".join(CAUSES[key].name for key in candidates) or "none of the causes it knows"

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import optimize
 
-from avc_casadi._util.arrays import BoolArray, FloatArray
+from avc_casadi._util.arrays import BoolArray, FloatArray, Interval
 from avc_casadi._util.progress import Stages
 from avc_casadi.diagnose.law import FittedLaw
 from avc_casadi.diagnose.motion import SampledMotion
@@ -24,6 +24,7 @@ from avc_casadi.diagnose.priors import (
     Unknown,
     delays_of,
     hand_unknowns,
+    mode_unknowns,
 )
 from avc_casadi.diagnose.windows import MOST_DELAY, Window, windows_of
 from avc_casadi.model.hands import Hand
@@ -34,6 +35,15 @@ _LEAST_DELAY = 2e-3
 _DRAWS = 12
 """Draws from the posterior of each structure."""
 
+_INTERVAL_DRAWS = 1000
+"""Draws from which the interval of a resonance is read."""
+
+_INTERVAL_ENDS = (0.025, 0.975)
+"""Shares of the posterior below the ends of that interval: 95 % are within."""
+
+_INTERVAL_ODDS_LN = 3.0
+"""ln of the odds, 20 to 1, up to which a less likely structure has a say in that interval."""
+
 _RESONANCE_ODDS = 12.0
 """ln of the odds against a resonance that is not declared."""
 _STOP_ODDS = 8.0
@@ -42,28 +52,14 @@ _STOP_ODDS = 8.0
 _BOUND_SPREADS = 4
 """Spreads to either side of its prior within which an unknown is searched."""
 
-_MODE_LEAST_PRIOR_HZ = 40.0
-"""Least frequency of the prior of a resonance, Hz; its middle is the frequency of the swing above that."""
-
 _MODE_LOWEST_HZ = 25.0
 """Lowest frequency of a resonance, Hz: what is slower is a hand."""
 
 _ENCODER_SIDES: tuple[EncoderSide, ...] = ("motor", "handle")
 """Sides of a resonance on which an encoder may be."""
 
-_MODE_SPREAD = 0.6
-"""Spread of frequency and damping ratio of a resonance."""
-
-_MODE_DAMPING_RATIO = 0.03
-"""Middle of the prior of the damping ratio of a resonance."""
-
 _MODE_DAMPING_RATIOS = (2e-3, 0.15)
 """Damping ratios of a resonance that are searched."""
-
-_MODE_MASS_RATIO = 0.4
-"""Middle of the prior of the share of the device's mass behind a resonance."""
-_MODE_MASS_SPREAD = 0.15
-"""Spread of that share."""
 
 _MODE_MASS_RATIOS = (0.1, 0.9)
 """Shares of the device's mass behind a resonance that are searched."""
@@ -85,8 +81,11 @@ _MODEL_ERROR = 5e-3
 _BEGIN_LEVEL = 1.7
 """Residual, per noise, with which the first search weighs the prior."""
 
-_SEARCH_STEP = 1e-4
-"""Step of an unknown for a derivative, per size or spread of the unknown, whichever is larger."""
+_SEARCH_STEP = 1e-6
+"""Step of an unknown for a derivative, per size or spread of the unknown, whichever is larger.
+
+A longer step makes the curvature along a badly determined direction, 1e9 below that along the best one, too large.
+"""
 
 _BEGIN_TRIES = 15
 """Evaluations of the first search."""
@@ -115,11 +114,8 @@ _STOPS_ALIKE = 1.3
 _STOPS_BETTER = 0.5
 """Residual with stops, per that without, below which they are taken."""
 
-_UNEXPLAINED = 2
-"""Residual, per noise, above which a structure does not explain the motion."""
-
-_STOPS_UNEXPLAINED = 4
-"""The same from which on stops are tried: what turns the motion back is a good share of it."""
+_UNEXPLAINED = 1
+"""Residual, per noise, above which a structure does not explain the motion, and stops and a resonance are tried."""
 
 _EXPLAINS_AS_WELL = 1.3
 """Residual, per that of the best answer, up to which another structure explains the log as well."""
@@ -154,6 +150,8 @@ class PlantFit:
     """Standard deviation of the delay, ticks."""
     at_end: bool
     """Whether the delay is the longest that is searched."""
+    resonance_hz: Interval | None = None
+    """95 % of the posterior of the frequency of an undeclared resonance, Hz; None without one."""
 
     def explains_as_well(self, best: PlantFit) -> bool:
         """Return whether it explains the motion as well as the best fit, or to within the noise."""
@@ -246,19 +244,40 @@ class _Structure:
         if "device_mass" in value:
             changed["mass_kg"] = device.mass_kg * math.exp(value["device_mass"])
             changed["damping_ns_per_m"] = device.damping_ns_per_m * math.exp(value["device_damping"])
-        if self.encoder_at is not None:
-            changed["encoder_at"] = self.encoder_at
-            changed["resonance"] = {
-                "frequency_hz": math.exp(value["mode_frequency"]),
-                "damping_ratio": min(math.exp(value["mode_damping_ratio"]), _MOST_DAMPING_RATIO),
-                "mass_ratio": value["mode_mass_ratio"],
-            }
         hand = None
         if self.hand:
             hand = Hand(
                 math.exp(value["hand_mass"]), math.exp(value["hand_damping"]), math.exp(value["hand_stiffness"])
             )
+        if self.encoder_at is not None:
+            changed["encoder_at"] = self.encoder_at
+            changed["resonance"] = {
+                "frequency_hz": self._released_hz(value),
+                "damping_ratio": min(math.exp(value["mode_damping_ratio"]), _MOST_DAMPING_RATIO),
+                "mass_ratio": value["mode_mass_ratio"],
+            }
         return Hypothesis(device, hand, self.stops).vary(**changed)
+
+    def resonance_hz(self, points: FloatArray) -> Interval | None:
+        """Return the interval of the frequency of a released device's resonance, Hz, at points of shape (p, u)."""
+        if not self.resonant:
+            return None
+        hertz = [self._released_hz(dict(zip(self.names, point, strict=True))) for point in points.tolist()]
+        low_hz, high_hz = np.quantile(hertz, _INTERVAL_ENDS).tolist()
+        return low_hz, high_hz
+
+    def _released_hz(self, value: Mapping[str, float]) -> float:
+        """Return the frequency of a released device's resonance, Hz, by the unknowns, of which one is that when held.
+
+        With the motor (1 - s) M, the handle s M and the hand r M, f^2 is as 1/(1 - s) + 1/s, and held as
+        1/(1 - s) + 1/(s + r). The motion shows the held one; the released one depends on s and r, less well known.
+        """
+        share = value["mode_mass_ratio"]
+        mass_kg = self.design.device.mass_kg * math.exp(value.get("device_mass", 0.0))
+        held_share = math.exp(value["hand_mass"]) / mass_kg if self.hand else 0.0
+        motor = 1 / (1 - share)
+        stiffer = (motor + 1 / share) / (motor + 1 / (share + held_share))
+        return math.exp(value["mode_frequency"]) * math.sqrt(stiffer)
 
     def residual(self, point: FloatArray, window: Window) -> FloatArray:
         """Return the residual of the position between stops, m, at the ticks that are used.
@@ -358,11 +377,7 @@ def _structures(design: IntendedLaw, grid: Grid, lag: float, swing_hz: float, *,
     punctual, late = delays_of(design, grid, lag)
     slow_hz = min(float(np.clip(swing_hz / _SLOWER_THAN_SWING, *_SLOW_HZ)), swing_hz / 2)
     if resonant:
-        mode = [
-            Unknown("mode_frequency", math.log(max(swing_hz, _MODE_LEAST_PRIOR_HZ)), _MODE_SPREAD),
-            Unknown("mode_damping_ratio", math.log(_MODE_DAMPING_RATIO), _MODE_SPREAD),
-            Unknown("mode_mass_ratio", _MODE_MASS_RATIO, _MODE_MASS_SPREAD),
-        ]
+        mode = mode_unknowns(swing_hz)
         return [
             _Structure.of(design, grid, slow_hz, [punctual, *unknowns, *mode], hand=with_hand, encoder_at=side)
             for with_hand, unknowns in ((True, held), (False, device))
@@ -474,7 +489,7 @@ def _fits(task: FitTask, design: IntendedLaw, grid: Grid, lag: float) -> list[Pl
     if left.size > _WHITE_FROM and samples_alike(left) <= LEAST_ALIKE:
         scatter, noise = max(scatter, least), max(noise, least)
     # Behind stops the acceleration is of a force that is not in the log.
-    if least > _STOPS_UNEXPLAINED * noise and swing.steps > _STOPS_STEPS:
+    if least > _UNEXPLAINED * noise and swing.steps > _STOPS_STEPS:
         for structure in plain:
             stages.begin("travel stops")
             trials += _with_stops(structure, inside, windows, noise, least)
@@ -488,7 +503,20 @@ def _fits(task: FitTask, design: IntendedLaw, grid: Grid, lag: float) -> list[Pl
     for trial in trials:
         stages.begin("errors of hand and delay")
         fits.append(_finish(trial, windows, levels, noise, scatter, task.seed))
-    return sorted((fit for fit in fits if fit is not None), key=lambda fit: fit.cost)
+    return _with_alternatives(sorted((fit for fit in fits if fit is not None), key=lambda fit: fit.cost))
+
+
+def _with_alternatives(fits: Sequence[PlantFit]) -> list[PlantFit]:
+    """Return fits, the intervals of their resonances over those that are about as likely, on either encoder side."""
+
+    def interval_of(fit: PlantFit) -> Interval | None:
+        near = [other for other in fits if other.cost < fit.cost + _INTERVAL_ODDS_LN]
+        intervals = [other.resonance_hz for other in near if other.resonance_hz is not None]
+        if fit.resonance_hz is None:
+            return None
+        return min(low for low, _ in intervals), max(high for _, high in intervals)
+
+    return [replace(fit, resonance_hz=interval_of(fit)) for fit in fits]
 
 
 def _with_stops(
@@ -545,9 +573,10 @@ def _finish(
     point = solution.point
     values, vectors = np.linalg.eigh(solution.curvature)
     values = np.maximum(values, _LEAST_CURVATURE)
-    random = np.random.default_rng(seed).standard_normal((_DRAWS, point.size))
+    random = np.random.default_rng(seed).standard_normal((_INTERVAL_DRAWS, point.size))
     low, high = structure.bounds
-    sample = np.clip(point + (random / np.sqrt(values)) @ vectors.T, low + 1e-9, high - 1e-9)
+    samples = np.clip(point + (random / np.sqrt(values)) @ vectors.T, low + 1e-9, high - 1e-9)
+    sample = samples[:_DRAWS]
     near = _NEAR_BOUND * (high - low)
     if structure.resonant and ((point > high - near) | (point < low + near))[-3:].any():
         return None
@@ -562,6 +591,7 @@ def _finish(
         scatter_m=scatter,
         delay_error=float(np.std(sample[:, 0])),
         at_end=bool(point[0] > high[0] - near[0]),
+        resonance_hz=structure.resonance_hz(samples),
     )
 
 

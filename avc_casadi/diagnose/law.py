@@ -179,6 +179,8 @@ class FittedLaw:
     frames: Frames | None = None
     dead_zone_m: tuple[float, float] | None = None
     """Positions between which the spring has no force, m; x counts from the nearer one."""
+    notch_hz: float | None = None
+    """Frequency of a notch that a remedy puts behind the law, Hz; none is fitted."""
 
     @property
     def explains(self) -> bool:

@@ -11,6 +11,7 @@ from avc_casadi.diagnose.law import FittedLaw
 from avc_casadi.diagnose.oscillation import Log
 from avc_casadi.loops.loop import Body
 from avc_casadi.loops.wall import closed
+from avc_casadi.model.control_law import NotchFilter
 from avc_casadi.model.device import Device
 from avc_casadi.model.hands import Hand, released_hand
 from avc_casadi.model.law import Law
@@ -74,6 +75,11 @@ class Hypothesis:
         return float(self.device.delay_samples)
 
 
+def notch_of(frequency_hz: float, period_s: float) -> Law:
+    """Return the notch filter of the command, with the width and depth of one in [law] that states none."""
+    return NotchFilter(frequency_hz=frequency_hz).piece.law(period_s)
+
+
 def growth(hypothesis: Hypothesis, law: FittedLaw, stiffness: float = 1.0, damping: float = 1.0) -> float:
     """Return the growth rate, 1/s, of the least damped mode of the loop of one rate, gains scaled.
 
@@ -83,6 +89,8 @@ def growth(hypothesis: Hypothesis, law: FittedLaw, stiffness: float = 1.0, dampi
     late = hypothesis.vary(delay_samples=hypothesis.delay + law.lag)
     body = Body.of(sampled_plant(late.device, hypothesis.hand or released_hand())).axes(0, 0)
     scaled = Law.spring_damper(stiffness * law.stiffness_n_per_m, damping * law.damping_ns_per_m, period, pole=law.keep)
+    if law.notch_hz is not None:
+        scaled = scaled.then(notch_of(law.notch_hz, period))
     return math.log(max(float(closed(body, scaled).radius), 1e-300)) / period
 
 

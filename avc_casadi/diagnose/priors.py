@@ -36,6 +36,20 @@ DAMPING_SPREAD = 0.5
 ASSUMED_SPREAD = 2.0
 """Spread of mass and damping of an assumed device."""
 
+_MODE_LEAST_PRIOR_HZ = 40.0
+"""Least frequency of the prior of a resonance, Hz; its middle is the frequency of the swing above that."""
+
+_MODE_SPREAD = 0.6
+"""Spread of frequency and damping ratio of a resonance."""
+
+_MODE_DAMPING_RATIO = 0.03
+"""Middle of the prior of the damping ratio of a resonance."""
+
+_MODE_MASS_RATIO = 0.4
+"""Middle of the prior of the share of the device's mass behind a resonance."""
+_MODE_MASS_SPREAD = 0.15
+"""Spread of that share."""
+
 
 @dataclass(frozen=True)
 class Grid:
@@ -63,6 +77,15 @@ def hand_unknowns(design: IntendedLaw) -> list[Unknown]:
     names = ("hand_mass", "hand_damping", "hand_stiffness")
     priors = zip(names, box.mean(axis=1).tolist(), spread.tolist(), strict=True)
     return [Unknown(name, middle, deviation) for name, middle, deviation in priors]
+
+
+def mode_unknowns(swing_hz: float) -> list[Unknown]:
+    """Return ln of frequency, with the mass of a hand at the handle, and damping ratio, and share of the mass."""
+    return [
+        Unknown("mode_frequency", math.log(max(swing_hz, _MODE_LEAST_PRIOR_HZ)), _MODE_SPREAD),
+        Unknown("mode_damping_ratio", math.log(_MODE_DAMPING_RATIO), _MODE_SPREAD),
+        Unknown("mode_mass_ratio", _MODE_MASS_RATIO, _MODE_MASS_SPREAD),
+    ]
 
 
 def delays_of(design: IntendedLaw, grid: Grid, lag: float) -> tuple[Unknown, Unknown]:

@@ -13,8 +13,9 @@ from scipy import optimize
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.units import Quantity
 from avc_casadi.diagnose.law import FittedLaw, Switch
+from avc_casadi.diagnose.mechanics import Mechanics, Move
 from avc_casadi.diagnose.oscillation import FORCE_QUANTILES, Log, Oscillation
-from avc_casadi.diagnose.plant import DeviceValue, Hypothesis, IntendedLaw, growth, stable
+from avc_casadi.diagnose.plant import DeviceValue, Hypothesis, IntendedLaw, growth, notch_of, stable
 from avc_casadi.loops.margins import SETTLING_BAND
 from avc_casadi.model.hands import Hand
 from avc_casadi.model.plant import device_plant, sampled_plant, transition
@@ -62,9 +63,6 @@ _ONE_SIDED_SHARE = 0.01
 _ALWAYS_TOUCHING = 0.99
 """Share of ticks in contact from which on a swing never leaves its wall."""
 
-_STOP_DAMPING = 0.2
-"""Loss of a stop, force per stop rate times momentum."""
-
 _STEPS_A_STOP = 0.15
 """Longest step of a simulation with stops, per time constant of a stop."""
 
@@ -107,6 +105,9 @@ _MOST_CUT_OFF = 0.45
 _FILTERS_HZ = (150.0, 60.0, 25.0)
 """Cut-offs of a velocity filter, Hz, that are tried where there is none."""
 
+_NOTCH_PARTS = (0.0, 0.5, 1.0)
+"""Places of a notch that are tried, from the frequency of the swing to that of the resonance, in octaves."""
+
 _FINER = (2.0, 4.0, 8.0)
 """Factors of the encoder's resolution that are tried."""
 
@@ -132,60 +133,6 @@ class _Rest:
 
     settles: bool
     without_friction: bool
-
-
-@dataclass(frozen=True, eq=False)
-class _Move:
-    """Steps over a part of a tick: x_next = A x + b_F F + b_f f, with the motor force F held and f on the device."""
-
-    matrix: FloatArray
-    """A of a step, shape (s, s)."""
-    by_motor: FloatArray
-    """b_F of a step, shape (s,)."""
-    by_push: FloatArray
-    """b_f of a step, shape (s,)."""
-    ticks_back: int
-    """Age of the force that acts, ticks."""
-    steps: int
-
-
-@dataclass(frozen=True, eq=False)
-class _Mechanics:
-    """The plant of a simulation in steps of time; positions are those from the centre of the law."""
-
-    names: tuple[str, ...]
-    moves: tuple[_Move, ...]
-    """What a tick consists of."""
-    output_row: FloatArray
-    """Position of the device by the state, shape (s,)."""
-    mass_kg: float
-    friction_n: float
-    hold_n: float
-    """Constant force that holds the device against the mean force of the log, N."""
-    stops_m: tuple[float, float] | None
-    stop_rate_per_s: float
-    """Angular frequency of the device in a stop, rad/s: beside the swing it is stiff."""
-
-    def moved(self, state: FloatArray, move: _Move, motor_n: float) -> FloatArray:
-        """Return the state, shape (s,), after a part of a tick; friction takes no more than the velocity."""
-        by_motor = move.by_motor * motor_n
-        for _ in range(move.steps):
-            push = -self.hold_n
-            if self.stops_m is not None:
-                push += self._stop_force(state, self.stops_m)
-            state = move.matrix @ state + by_motor + move.by_push * push
-            if self.friction_n:
-                stopping_n = -state[1] / move.by_push[1]
-                state = state + move.by_push * min(max(stopping_n, -self.friction_n), self.friction_n)
-        return state
-
-    def _stop_force(self, state: FloatArray, stops_m: tuple[float, float]) -> float:
-        """Return the force of a stop, N: m w (w (x - stop) + 0.2 v) beyond it."""
-        low, high = stops_m
-        position = float(self.output_row @ state)
-        beyond = position - min(max(position, low), high)
-        speed = self.stop_rate_per_s * beyond + _STOP_DAMPING * state[1] if beyond else 0.0
-        return float(self.mass_kg * self.stop_rate_per_s * speed)
 
 
 @dataclass(frozen=True, eq=False)
@@ -243,6 +190,8 @@ class LoggedScene:
         noise = self.noise_m * np.random.default_rng(0).standard_normal(n)
         velocity = switching = 0.0
         switch_keep = law.switch.keep if law.switch is not None else 0.0
+        notch = None if law.notch_hz is None else notch_of(law.notch_hz, period)
+        notch_state = np.zeros(0 if notch is None else notch.states)
         position, reading, force = np.zeros((3, n))
         for tick in range(n):
             now = float(mechanics.output_row @ state)
@@ -257,13 +206,18 @@ class LoggedScene:
             velocity = law.keep * velocity + (1 - law.keep) * speed
             switching = switch_keep * switching + (1 - switch_keep) * speed
             plain_n = _plain_force(law, reading, tick, velocity, period, self.centre_m)
-            force[tick] = self._command(law, plain_n, x, switching)
+            command_n = self._command(law, plain_n, x, switching)
+            if notch is not None:
+                passed_n = float(notch.c[0] @ notch_state + notch.d[0, 0] * command_n)
+                notch_state = notch.a @ notch_state + notch.b[:, 0] * command_n
+                command_n = passed_n
+            force[tick] = min(max(command_n, -self.limit_n), self.limit_n)
             for move in mechanics.moves:
                 motor_n = force[tick - move.ticks_back] if tick >= move.ticks_back else 0.0
                 state = mechanics.moved(state, move, motor_n)
         return position, force
 
-    def _mechanics(self, hypothesis: Hypothesis, law: FittedLaw) -> _Mechanics:
+    def _mechanics(self, hypothesis: Hypothesis, law: FittedLaw) -> Mechanics:
         """Return the plant in steps of a simulation: the old force acts for a part of a tick, then the new one."""
         device, stops = hypothesis.device, hypothesis.stops
         period, friction_n = device.sample_time_s, device.coulomb_friction_n
@@ -282,12 +236,12 @@ class LoggedScene:
                 steps = math.ceil(length * period / longest_s - 1e-9)
                 by_motor = transition(plant, length * period / steps)
                 by_push = transition(pushed_plant, length * period / steps)
-                moves.append(_Move(by_motor.matrix, by_motor.force, by_push.force, ticks_back, steps))
+                moves.append(Move(by_motor.matrix, by_motor.force, by_push.force, ticks_back, steps))
         # In the mean, what holds the device balances the force of the log.
         hand_stiffness = 0.0
         if isinstance(hypothesis.hand, Hand):
             hand_stiffness = float(np.atleast_1d(hypothesis.hand.stiffness_n_per_m)[0])
-        return _Mechanics(
+        return Mechanics(
             names=plant.names,
             moves=tuple(moves),
             output_row=sampled_plant(device, hypothesis.hand).output_row,
@@ -298,7 +252,7 @@ class LoggedScene:
             stop_rate_per_s=stop_rate,
         )
 
-    def _first_state(self, mechanics: _Mechanics) -> FloatArray:
+    def _first_state(self, mechanics: Mechanics) -> FloatArray:
         """Return a state at rest, as far from the mean as the swing; a device that bounces off a wall is outside."""
         away = self.start * self.swing.peak_to_peak_m / (-2 if self.one_sided else 2)
         state = np.zeros(len(mechanics.names))
@@ -313,7 +267,7 @@ class LoggedScene:
         return step * math.floor((position + self.centre_m) / step + 0.5) - self.centre_m
 
     def _command(self, law: FittedLaw, force: float, position: float, velocity: float) -> float:
-        """Return a force, N, with its switched part, one-sided and limited."""
+        """Return a force, N, with its switched part, and one-sided."""
         switch = law.switch
         if switch is not None:
             low, high = (edge - self.centre_m if switch.by == "position" else 0.0 for edge in switch.edges_m)
@@ -329,7 +283,7 @@ class LoggedScene:
         if self.one_sided:
             inside = position > 0 or law.stiffness_n_per_m <= 0
             force = max(force, 0.0) if inside else 0.0
-        return min(max(force, -self.limit_n), self.limit_n)
+        return force
 
     def residual_swing(self, hypothesis: Hypothesis, law: FittedLaw, quarter: int = 3) -> float:
         """Return the swing in the last or another quarter of a simulation, as a share of that of the log."""
@@ -409,6 +363,7 @@ RemedyKey = Literal[
     "encoder_resolution_m",
     "delay_samples",
     "velocity_filter_hz",
+    "notch_hz",
     "switched_n",
     "switch_width",
 ]
@@ -529,6 +484,8 @@ def _changes(
     dampings = [law.damping_ns_per_m + part * loss for part in _LOSS_PARTS]
     yield from _of_gain(law, scene, dampings, spring=False)
     yield from _of_filter(cause, law, scene, log.period_s)
+    if cause == "resonance":
+        yield from _of_notch(hypothesis, law, scene, log.period_s)
     if cause == "encoder" and scene.encoder_m:
         for factor in _FINER:
             finer = replace(scene, encoder_m=scene.encoder_m / factor, noise_m=scene.noise_m / factor)
@@ -547,10 +504,10 @@ def _of_delay(
 
 
 def _of_filter(cause: str, law: FittedLaw, scene: LoggedScene, period_s: float) -> Iterator[_Change]:
-    """Yield a velocity filter where noise shakes the force and there is none; a quicker one where its lag may."""
+    """Yield a velocity filter where noise or a resonance passes the damper and there is none; else a quicker one."""
     cut_off_hz = law.filter_hz(period_s)
     filters_hz: Sequence[float] = ()
-    if cause == "encoder" and not cut_off_hz:
+    if cause in {"encoder", "resonance"} and not cut_off_hz:
         filters_hz = _FILTERS_HZ
     elif cause != "encoder" and cut_off_hz:
         quicker = [cut_off_hz * factor for factor in _QUICKER]
@@ -558,6 +515,17 @@ def _of_filter(cause: str, law: FittedLaw, scene: LoggedScene, period_s: float) 
     for hertz in filters_hz:
         filtered = replace(law, keep=math.exp(-2 * math.pi * hertz * period_s))
         yield _Change(Remedy("velocity_filter_hz", hertz, cut_off_hz, "frequency"), filtered, scene)
+
+
+def _of_notch(hypothesis: Hypothesis, law: FittedLaw, scene: LoggedScene, period_s: float) -> Iterator[_Change]:
+    """Yield notches of the command at the frequency of the swing, and between it and the released resonance."""
+    mode, swing_hz = hypothesis.device.resonance, scene.swing.frequency_hz
+    if mode is None:
+        return
+    for part in _NOTCH_PARTS:
+        hertz = swing_hz ** (1 - part) * mode.frequency_hz**part
+        if hertz < _MOST_CUT_OFF / period_s:
+            yield _Change(Remedy("notch_hz", hertz, None, "frequency"), replace(law, notch_hz=hertz), scene)
 
 
 def _gain(law: FittedLaw, *, spring: bool) -> float:

@@ -7,9 +7,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from avc_casadi._util.text import number, quantity
+from avc_casadi.diagnose.fit import PlantFit
 from avc_casadi.diagnose.law import FittedLaw
 from avc_casadi.diagnose.oscillation import Log, Oscillation
-from avc_casadi.diagnose.plant import Hypothesis, IntendedLaw
+from avc_casadi.diagnose.plant import IntendedLaw
 
 
 @dataclass(frozen=True)
@@ -36,10 +37,9 @@ CAUSES: Mapping[str, Cause] = {
 """Causes by key."""
 
 
-def cause_numbers(
-    cause: str, hypothesis: Hypothesis, law: FittedLaw, log: Log, swing: Oscillation, design: IntendedLaw
-) -> str:
+def cause_numbers(cause: str, fit: PlantFit, law: FittedLaw, log: Log, swing: Oscillation, design: IntendedLaw) -> str:
     """Return the numbers of a cause, without which the loop settles."""
+    hypothesis = fit.best
     unit, mode = hypothesis.device.units.unit, hypothesis.device.resonance
     spring = quantity(law.stiffness_n_per_m, unit("N/m"))
     damper = quantity(law.damping_ns_per_m, unit("N.s/m"))
@@ -57,8 +57,9 @@ def cause_numbers(
         "let-go": "the device was at rest in contact; without a hand it oscillates",
         "encoder": f"{steps} step{'' if steps == '1' else 's'} peak to peak, b = {damper}",
     }
-    if mode:
-        words["resonance"] = f"{number(mode.frequency_hz, 3)} Hz, not declared"
+    if mode and fit.resonance_hz:
+        low, high = (number(end, 3) for end in fit.resonance_hz)
+        words["resonance"] = f"{number(mode.frequency_hz, 3)} Hz ({low} to {high} at 95 %), not declared"
     if law.switch:
         words["relay"] = f"{quantity(abs(law.switch.force_n), unit('N'))} by the sign of the {law.switch.by}"
         if law.switch.keep:

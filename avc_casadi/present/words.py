@@ -87,6 +87,7 @@ REMEDIES: dict[RemedyKey, str] = {
     "encoder_resolution_m": "encoder resolution",
     "delay_samples": "delay",
     "velocity_filter_hz": "velocity filter",
+    "notch_hz": "notch",
     "switched_n": "switched",
     "switch_width": "switch width",
 }

@@ -9,10 +9,11 @@ dead band, a spring or damper of every 8th to 24th tick, noise through the dampe
 One kind is left as it is. A game has its own clock of 30 to 400 Hz, no multiple of the log's, reads at its ticks and
 acts one late; half of them have a dead zone. What comes to rest has dry friction and little damping, half with a dead
 zone: frequency and time of rest have to be told within 5 % and 20 samples. Friction is compensated by 1.2 to 1.8
-times as much behind 2 to 8 ms. A motor is reversed, with no hand on the device. A remedy that is told is made in the
-simulator; it has to leave less than a fifth of the swing, or two and a half encoder steps, and less than half of the
-force that noise makes: with the hand of the log, and with no hand on the device, where it is not told that the remedy
-rests while held.
+times as much behind 2 to 8 ms. A motor is reversed, with no hand on the device. A handle of 0.2 to 0.7 of the mass
+resonates at 40 to 250 Hz behind the motor, with the encoder on either side. A force from outside of 0.2 to 3 N shakes
+the device at 8 to 60 Hz: *cannot tell* and *not the loop* are right. A remedy that is told is made in the simulator; it
+has to leave less than a fifth of the swing, or two and a half encoder steps, and less than half of the force that noise
+makes: with the hand of the log, and with no hand on the device, where it is not told that the remedy rests while held.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ import math
 import sys
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from itertools import repeat
@@ -34,20 +35,21 @@ from studied import about, made_by
 HERE = Path(__file__).parent
 sys.path[:0] = [str(HERE.parent / "oracle")]
 
-from avc_casadi._util.arrays import FloatArray  # noqa: E402 - the package of this tree
+from avc_casadi._util.arrays import BoolArray, FloatArray  # noqa: E402 - the package of this tree
 from avc_casadi.diagnose.causes import Diagnosis, diagnose  # noqa: E402
 from avc_casadi.identification.log import Columns  # noqa: E402
 from avc_casadi.model.device import Device  # noqa: E402
 
 KINDS = (
     *("delay", "rate", "stiffness", "damping", "let-go", "relay", "dead band", "rates", "noise", "stops", "none"),
-    *("game", "rest", "compensation", "reversed"),
+    *("game", "rest", "compensation", "reversed", "resonance", "shaken"),
 )
 TRUTH = {"game": "rate", "rest": "nothing wrong", "compensation": "relay", "reversed": "sign"} | {
     "dead band": "relay",
     "noise": "encoder",
     "stops": "stiffness",
     "none": "nothing wrong",
+    "shaken": "cannot tell",
 }
 TICKS, PARTS = 1800, 10
 
@@ -82,6 +84,58 @@ class Loop:
     compensated: float = 0.0
     filter_s: float = 0.0
     motor: float = 1.0
+    resonance: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Frequency, Hz, damping ratio, and share of the mass that is a handle behind a spring; no mass none."""
+    encoder_at_handle: bool = False
+    notch_hz: float = 0.0
+    """Centre of a filter of the command, Hz, by Tustin's rule; 0 none."""
+    shake: tuple[float, float] = (0.0, 0.0)
+    """Frequency, Hz, and size, N, of a force from outside, which is not in the log."""
+
+
+@dataclass(frozen=True, eq=False)
+class Handle:
+    """The handles of n loops, each a mass behind spring and damper, shape (n,); a rigid one has a mass of 1 kg."""
+
+    flexible: BoolArray
+    mass: FloatArray
+    stiffness: FloatArray
+    damping: FloatArray
+
+    @classmethod
+    def of(cls, values: Mapping[str, FloatArray], mass: FloatArray) -> Handle:
+        """Return the handles of loops; motor and handle swing freely against each other at the resonance."""
+        hertz, ratio, share = values["resonance"].T
+        reduced = share * (1 - share) * mass
+        rate = 2 * math.pi * hertz
+        flexible = share > 0
+        handle_mass = np.where(flexible, share * mass, 1.0)
+        return cls(flexible, handle_mass, reduced * rate**2, 2 * ratio * reduced * rate)
+
+
+class Notch:
+    """N(z)/D(z) of (s^2 + 0.1 w s + w^2)/(s^2 + w s + w^2), with s = w/tan(w T/2) (z - 1)/(z + 1), on n commands."""
+
+    def __init__(self, hertz: FloatArray, period: FloatArray) -> None:
+        on = hertz > 0
+        turn = np.tan(np.where(on, math.pi * hertz * period, 0.1))
+        least, most = 0.1 * turn, 1.0 * turn
+        middle = 2 * (turn**2 - 1)
+        self._above = [np.where(on, part, 1.0) for part in (1 + least + turn**2, middle, 1 - least + turn**2)]
+        self._below = [np.where(on, part, 1.0) for part in (1 + most + turn**2, middle, 1 - most + turn**2)]
+        self._on = on
+        self._before = np.zeros((4, len(hertz)))
+
+    def passed(self, command: FloatArray) -> FloatArray:
+        """Return the next value of each command behind its notch."""
+        if not self._on.any():
+            return command
+        b0, b1, b2 = self._above
+        a0, a1, a2 = self._below
+        in1, in2, out1, out2 = self._before
+        out = np.where(self._on, (b0 * command + b1 * in1 + b2 * in2 - a1 * out1 - a2 * out2) / a0, command)
+        self._before = np.array([command, in1, out, out1])
+        return out
 
 
 def played(loops: Sequence[Loop], seed: int = 0) -> tuple[FloatArray, FloatArray]:
@@ -95,14 +149,18 @@ def played(loops: Sequence[Loop], seed: int = 0) -> tuple[FloatArray, FloatArray
     clock, dead, filter_s, motor = (one[key] for key in ("clock", "dead", "filter_s", "motor"))
     behind = np.where(filter_s > 0, np.exp(-period / np.maximum(filter_s, 1e-9)), 0.0)
     sided, spring_slow, damper_slow = one["one_sided"], one["slow"] == "spring", one["slow"] == "damper"
+    shake_hz, shake_n = one["shake"].T
+    handle, notch = Handle.of(one, mass), Notch(one["notch_hz"], period)
+    flexes, parts = bool(handle.flexible.any()), np.arange(PARTS)[:, None]
     h, late, rows = period / PARTS, np.round(one["delay"] * PARTS).astype(int), np.arange(len(loops))
     noise = one["noise"] * np.random.default_rng(seed).standard_normal((TICKS, len(loops)))
     x, v = np.where(sided, -0.002, 0.004), np.zeros(len(loops))
+    y, w = x.copy(), v.copy()
     seen, force = np.zeros((TICKS, len(loops))), np.zeros((TICKS, len(loops)))
     rate, slow_at, slow_rate, before = np.zeros((4, len(loops)))
     due, told, waiting, quick, frame_at = one["phase"].copy(), *np.zeros((4, len(loops)))
     for tick in range(TICKS):
-        at = step * np.floor((x + noise[tick]) / step + 0.5)
+        at = step * np.floor((np.where(one["encoder_at_handle"], y, x) + noise[tick]) / step + 0.5)
         rate = keep * rate + (1 - keep) * ((at - before) if tick else 0.0) / period
         quick = behind * quick + (1 - behind) * ((at - before) if tick else 0.0) / period
         frame, own = tick >= due - 1e-9, clock != 1
@@ -117,21 +175,28 @@ def played(loops: Sequence[Loop], seed: int = 0) -> tuple[FloatArray, FloatArray
         ramp = np.where(width > 0, np.minimum(beyond / np.maximum(width, 1e-12), 1.0), beyond > 0)
         asked = asked + one["relay"] * np.sign(at) * ramp
         asked = np.where(sided, np.where(at > 0, np.maximum(asked, 0.0), 0.0), asked)
-        asked = np.clip(asked - one["compensated"] * np.tanh(quick / 0.01), -limit, limit)
+        asked = notch.passed(asked - one["compensated"] * np.tanh(quick / 0.01))
+        asked = np.clip(asked, -limit, limit)
         told = np.where(own, np.where(frame, waiting, told), asked)
         waiting = np.where(frame, asked, waiting)
         seen[tick], force[tick] = at, told
         target = np.where(sided, np.minimum(0.06 * tick * period - 0.002, 0.006), 0.002 * (one["released"] < TICKS))
         hand_mass, hand_damping, hand_spring = one["hand"].T * (tick < one["released"])
+        moved = np.where(handle.flexible, mass - handle.mass, mass + hand_mass)
+        shaken = shake_n * np.sin(2 * math.pi * shake_hz * (tick + parts / PARTS) * period)
         for part in range(PARTS):
             past = tick * PARTS + part - late
             push = -motor * np.where(past >= 0, force[np.maximum(past, 0) // PARTS, rows], 0.0) - damping * v
-            push += hand_spring * (target - x) - hand_damping * v
+            by_hand = hand_spring * (target - y) - hand_damping * w + shaken[part]
+            link = handle.stiffness * (y - x) + handle.damping * (w - v) if flexes else 0.0
+            push += np.where(handle.flexible, link, by_hand) if flexes else by_hand
             push -= (np.abs(x) > travel) * (stop_k * (x - np.clip(x, -travel, travel)) + stop_b * v)
-            v = v + h * push / (mass + hand_mass)
-            rub = h * friction / (mass + hand_mass)
+            v = v + h * push / moved
+            rub = h * friction / moved
             v = np.where(np.abs(v) <= rub, 0.0, v - np.sign(v) * rub)
             x = np.clip(x + h * v, -1.0, 1.0)
+            w = np.where(handle.flexible, w + h * (by_hand - link) / (handle.mass + hand_mass), v) if flexes else v
+            y = np.where(handle.flexible, np.clip(y + h * w, -1.0, 1.0), x) if flexes else x
     return seen, -force
 
 
@@ -187,7 +252,15 @@ def changed(random: np.random.Generator, loop: Loop, kind: str) -> Loop:
         "rest": lambda: loop,
         "compensation": lambda: replace(loop, compensated=loop.friction * (0.8 + more / 6), filter_s=filter_s),
         "reversed": lambda: replace(loop, motor=-1.0, one_sided=False),
+        "resonance": lambda: resonating(random, loop),
+        "shaken": lambda: replace(loop, shake=(between(random, 8.0, 60.0), between(random, 0.2, 3.0))),
     }[kind]()
+
+
+def resonating(random: np.random.Generator, loop: Loop) -> Loop:
+    """Return a loop with a handle that resonates, and with the encoder on either side of its spring."""
+    mode = (between(random, 40.0, 250.0), between(random, 0.005, 0.08), float(random.uniform(0.2, 0.7)))
+    return replace(loop, resonance=mode, encoder_at_handle=bool(random.random() < 0.5))
 
 
 def prepared(random: np.random.Generator, loop: Loop, kind: str) -> Loop:
@@ -279,6 +352,7 @@ def mended(wrong: Loop, key: str, value: float) -> Loop:
         "sample_time_s": lambda: period,
         "stiffness_n_per_m": lambda: replace(wrong, k=value),
         "damping_ns_per_m": lambda: replace(wrong, b=value),
+        "notch_hz": lambda: replace(wrong, notch_hz=value),
         "velocity_filter_hz": lambda: replace(wrong, keep=math.exp(-2 * math.pi * value * wrong.period)),
         "encoder_resolution_m": lambda: finer,
         "switch_width": lambda: replace(wrong, width=value),
@@ -300,7 +374,13 @@ def settled(found: Diagnosis, wrong: Loop, kind: str) -> list[tuple[str, bool, b
     return [(one.key, with_hand < least, one.while_held or alone < least) for one, with_hand, alone in both]
 
 
-def page(rows: Sequence[tuple[str, str]], cures: Sequence[tuple[str, bool, bool]], seed: int, count: int) -> str:
+def page(
+    rows: Sequence[tuple[str, str]],
+    cures: Sequence[tuple[str, bool, bool]],
+    covered: Sequence[bool],
+    seed: int,
+    count: int,
+) -> str:
     """Return the results as text."""
     counts, rest, swing = Counter(rows), sum(held for _, held, _ in cures), sum(not free for *_, free in cures)
     outcomes = ("right", "cannot tell", "wrong")
@@ -314,6 +394,7 @@ def page(rows: Sequence[tuple[str, str]], cures: Sequence[tuple[str, bool, bool]
         "\n".join(["| what is wrong | right | cannot tell | confident and wrong |", "|---|--:|--:|--:|", *lines])
         + f"\n| all | {' | '.join(map(str, total))} |",
         f"{rest} of {len(cures)} remedies bring rest; {swing} swing when let go and do not say so.",
+        f"{sum(covered)} of {len(covered)} intervals of a named resonance contain its frequency.",
     ]
     return "\n\n".join(parts) + "\n"
 
@@ -326,6 +407,8 @@ class Judged:
     outcome: str
     cures: list[tuple[str, bool, bool]]
     lines: tuple[str, ...]
+    covers: bool | None
+    """Whether the interval of a named resonance contains its frequency; None of another answer."""
 
 
 def judged(kind: str, seed: int, number: int) -> Judged:
@@ -335,14 +418,20 @@ def judged(kind: str, seed: int, number: int) -> Judged:
     found = diagnose(log, device=declared(loop, wrong))
     spent = time.process_time() - begun
     answer = found.cause or found.verdict
-    outcome = "right" if answer == TRUTH.get(kind, kind) else answer if answer == "cannot tell" else "wrong"
+    rights = {TRUTH.get(kind, kind)} | ({"not the loop"} if kind == "shaken" else set())
+    outcome = "right" if answer in rights else answer if answer == "cannot tell" else "wrong"
     if kind == "rest" and outcome == "right" and not rest_is_told(found, log, wrong):
         outcome = "wrong"
     cures = settled(found, wrong, kind)
     lines = (f"{number}: {kind} -> {answer} ({spent:.1f} s) {cures}",)
     if outcome != "right" or not all(held and free for _, held, free in cures):
         lines += (f"    {found.conclusion}; {wrong}",)
-    return Judged(kind, outcome, cures, lines)
+    covers = None
+    if kind == answer == "resonance" and found.fit is not None and found.fit.resonance_hz is not None:
+        low_hz, high_hz = found.fit.resonance_hz
+        covers = low_hz <= wrong.resonance[0] <= high_hz
+        lines += (f"    {wrong.resonance[0]:.1f} Hz is within {low_hz:.1f} to {high_hz:.1f} Hz: {covers}",)
+    return Judged(kind, outcome, cures, lines, covers)
 
 
 def main() -> None:
@@ -356,14 +445,18 @@ def main() -> None:
     args = parser.parse_args()
     rows: list[tuple[str, str]] = []
     cures: list[tuple[str, bool, bool]] = []
+    covered: list[bool] = []
     kinds = [args.kinds[number % len(args.kinds)] for number in range(args.count)]
     with ProcessPoolExecutor(args.workers) as pool:
         for found in pool.map(judged, kinds, repeat(args.seed), range(args.count)):
             rows.append((found.kind, found.outcome))
             cures += found.cures
+            covered += [] if found.covers is None else [found.covers]
             print(*found.lines, sep="\n", flush=True)
             if args.write:
-                (HERE / "RESULTS_swings.md").write_text(page(rows, cures, args.seed, args.count), encoding="utf-8")
+                (HERE / "RESULTS_swings.md").write_text(
+                    page(rows, cures, covered, args.seed, args.count), encoding="utf-8"
+                )
 
 
 if __name__ == "__main__":

@@ -297,8 +297,9 @@ def _fitted_plant(result: Diagnosis, law: FittedLaw, fit: PlantFit) -> list[Row]
     hand = _fitted_hand(fit.best.hand) if result.hand_determined else "not determined"
     rows = [row("Delay", delay, error), row("Hand", hand)]
     mode = fit.best.device.resonance
-    if mode is not None and result.design.device.resonance is None:
-        rows.append(row("Resonance", Value(mode.frequency_hz, "frequency"), ", not declared"))
+    if mode is not None and fit.resonance_hz is not None:
+        interval = "to".join(f" {number(end, 3)} " for end in fit.resonance_hz).strip()
+        rows.append(row("Resonance", Value(mode.frequency_hz, "frequency"), f"; {interval} Hz at 95 %, not declared"))
     if fit.best.stops:
         rows.append(row("Stops", commas(Value(position, "length") for position in fit.best.stops)))
     return rows
