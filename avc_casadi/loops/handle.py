@@ -16,11 +16,11 @@ from typing import Literal
 
 import numpy as np
 
-from avc_casadi._util.arrays import ComplexArray, FloatArray, Interval
+from avc_casadi._util.arrays import ComplexArray, FloatArray, IndexArray, Interval
 from avc_casadi.loops.contacts import Swing
 from avc_casadi.loops.loop import Body
 from avc_casadi.loops.plant_family import RADIUS_TOLERANCE, Measure
-from avc_casadi.loops.search import Box, Ranges, worst_point
+from avc_casadi.loops.search import Box, Ranges, ascend, everywhere, far_apart, worst_point
 from avc_casadi.loops.wall import closed
 from avc_casadi.model.admittance import Contact
 from avc_casadi.model.driven import sampled_drive
@@ -44,6 +44,8 @@ _MOST_SENSOR_CELLS = 40
 """Most cells of masses: beyond, a stiff sensor before a light handle turns many times in a sample."""
 _NEAR_TURNS_RAD = (-0.06, -0.02, 0.02, 0.06)
 """Angles about half turns at which cells end too."""
+_ASCENTS_OF_A_LAW = 2
+"""Places from which the swings of each of many laws are ascended."""
 _SLOW_HZ = 2.0
 """A pole that turns more slowly is none of a swing."""
 _OVERLAP = 1e-12
@@ -199,6 +201,42 @@ class HandleSide:
         device, hand = corners[worst]
         return WorstHandle(complex(at_corners[worst]), device, hand.values(0))
 
+    def unstable_laws(self, laws: Law) -> list[tuple[int, Pair]]:
+        """Return which of n laws a search of the ranges finds unstable, by their number, with a plant of each.
+
+        All laws are judged at the same places of the box; swings that are stable there are ascended from the worst.
+        """
+        box, period_s = self.box, self.device.sample_time_s
+
+        def leading(rows: IndexArray | tuple[slice, None], places: FloatArray) -> ComplexArray:
+            body = Body.of(self._plants_at(box.values(places))).flat()
+            return _leading_of_kinds(closed(body, laws.pick(rows)).poles, period_s)
+
+        places = everywhere(box.cells)
+        poles = leading((slice(None), None), places)
+        radii = np.abs(poles).max(axis=0)
+        worst = {int(number): places[:, radii[number].argmax()] for number in np.flatnonzero(radii.max(axis=1) >= 1)}
+        if box.sides:
+            top = np.array(box.cells, dtype=np.float64)[:, None]
+            apart = places / np.where(top > 1, 6.0, 1.0)
+            starts = {
+                number: far_apart(np.abs(swings), apart, _ASCENTS_OF_A_LAW)
+                for number, swings in enumerate(poles[1])
+                if number not in worst
+            }
+            numbers = np.repeat(list(starts), [len(columns) for columns in starts.values()]).astype(np.intp)
+            columns = [column for of_law in starts.values() for column in of_law]
+            if columns:
+                tops, ends = ascend(lambda rows, at: leading(rows, at)[1], numbers, places[:, columns], top)
+                unstable = np.flatnonzero(np.abs(ends) >= 1)
+                worst |= {int(numbers[ascent]): tops[:, ascent] for ascent in unstable}
+        return [(number, self._pair_at(place)) for number, place in worst.items()]
+
+    def _pair_at(self, place: FloatArray) -> Pair:
+        """Return device and sums at a place (sides,) of the box."""
+        values = {key: float(value[0]) for key, value in self.box.values(place[:, None]).items()}
+        return self._device_at(values), Hand(**{key: np.array([values[key]]) for key in _CARRIED})
+
     def _device_at(self, values: Mapping[str, float]) -> SensorDevice:
         return self.device.with_values(**{key: values[key] for key in self.device.ranges})
 
@@ -264,13 +302,17 @@ def leading_poles(law: Law) -> Measure:
     """
 
     def of_plants(plant: SampledPlant, _: object) -> ComplexArray:
-        poles = closed(Body.of(plant).flat(), law).poles
-        slow = np.abs(np.angle(poles)) < 2 * math.pi * _SLOW_HZ * plant.sample_time_s
-        kinds = np.stack([poles, np.where(slow & (np.abs(poles) < 1), 0.5 * poles, poles)])
-        largest = np.abs(kinds).argmax(axis=-1)[..., None]
-        return np.asarray(np.take_along_axis(kinds, largest, axis=-1)[..., 0])
+        return _leading_of_kinds(closed(Body.of(plant).flat(), law).poles, plant.sample_time_s)
 
     return of_plants
+
+
+def _leading_of_kinds(poles: ComplexArray, sample_time_s: float) -> ComplexArray:
+    """Return of poles (..., s) the leading one of all, and of those that swing or are unstable, shape (2, ...)."""
+    slow = np.abs(np.angle(poles)) < 2 * math.pi * _SLOW_HZ * sample_time_s
+    kinds = np.stack([poles, np.where(slow & (np.abs(poles) < 1), 0.5 * poles, poles)])
+    largest = np.abs(kinds).argmax(axis=-1)[..., None]
+    return np.asarray(np.take_along_axis(kinds, largest, axis=-1)[..., 0])
 
 
 def _ranges_of(hands: Hands) -> tuple[Interval, Interval, Interval]:

@@ -104,7 +104,7 @@ def corners_and_knots(cells: Sequence[int], draws: int) -> FloatArray:
     return np.concatenate(places, axis=1)
 
 
-def _everywhere(cells: Sequence[int]) -> FloatArray:
+def everywhere(cells: Sequence[int]) -> FloatArray:
     """Return places (sides, m) all over a box: corners, knots, edges of one cell, points inside."""
     sides = len(cells)
     top = np.array(cells, dtype=np.float64)[:, None]
@@ -151,7 +151,7 @@ def worst_point(
     # Many points, edges, lines and ascents: maxima near a resonance of tool, contact or device are narrow.
     cells = cells or (1,) * sides
     top = np.array(cells, dtype=np.float64)[:, None]
-    places = _everywhere(cells)
+    places = everywhere(cells)
     values_at = _EachPlaceOnce(leading)
     values = values_at(places)
     kinds = np.arange(len(values))
@@ -161,13 +161,13 @@ def worst_point(
     apart = np.where(top > 1, 6.0, 1.0)
     for _ in range(2):
         largest = dict.fromkeys(
-            column for kind in values for column in _far_apart(np.abs(kind), places / apart, _LINED_PLACES)
+            column for kind in values for column in far_apart(np.abs(kind), places / apart, _LINED_PLACES)
         )
         lines = np.concatenate([_lines(places[:, column], top[:, 0]) for column in largest], axis=1)
         places = np.concatenate([places, lines], axis=1)
         values = np.concatenate([values, values_at(lines)], axis=1)
     ascents = _ASCENTS if top.max() == 1 else _ASCENTS_OF_CELLS
-    starts = [_far_apart(np.abs(kind), places / apart, ascents) for kind in values]
+    starts = [far_apart(np.abs(kind), places / apart, ascents) for kind in values]
     rows = np.repeat(kinds, [len(columns) for columns in starts])
 
     def leading_of_kinds(rows: IndexArray, places: FloatArray) -> ComplexArray:
@@ -188,7 +188,7 @@ def _lines(place: FloatArray, top: FloatArray) -> FloatArray:
     return lines
 
 
-def _far_apart(values: FloatArray, places: FloatArray, count: int) -> list[int]:
+def far_apart(values: FloatArray, places: FloatArray, count: int) -> list[int]:
     """Return where the largest values are that lie apart, the largest first."""
     chosen: list[int] = []
     left = np.where(np.isnan(values), -np.inf, values)

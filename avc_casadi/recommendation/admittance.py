@@ -28,7 +28,7 @@ from avc_casadi.claims.admittance import (
     damping_changes,
     with_device_value,
 )
-from avc_casadi.claims.mass_width import MassSpans, Span, held_span
+from avc_casadi.claims.mass_spans import MassSpans, Span, held_span
 from avc_casadi.claims.sensor_motion import drift, speed_at_rest, velocity_noise
 from avc_casadi.files.admittance_file import AnyAdmittance, as_admittance
 from avc_casadi.loops.margins import SOUND_DISK

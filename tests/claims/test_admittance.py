@@ -11,7 +11,7 @@ import avc_casadi as avc
 from avc_casadi._util.progress import Progress
 from avc_casadi.claims.admittance import HandleAnalysis
 from avc_casadi.claims.handle_port import HandleLoop
-from avc_casadi.claims.mass_width import VelocityResponse
+from avc_casadi.claims.mass_spans import VelocityResponse
 from avc_casadi.loops.handle import HandleFamily, leading_poles, plants_of
 from avc_casadi.loops.loop import Body
 from avc_casadi.loops.margins import SOUND_DISK, OpenLoop

@@ -8,7 +8,7 @@ from admittance_loop import PlainDevice, disk_margin, largest_pole
 
 import avc_casadi as avc
 from avc_casadi.claims.admittance import HandleAnalysis
-from avc_casadi.claims.mass_width import VelocityResponse, held_span
+from avc_casadi.claims.mass_spans import VelocityResponse, held_span, held_spans
 from avc_casadi.cli import main
 from avc_casadi.loops.handle import plants_of
 from avc_casadi.loops.margins import OpenLoop
@@ -67,6 +67,44 @@ def test_the_edge_of_the_region_is_where_certificates_turn(region):
                 judged = avc.certify_admittance("admittance/cobot", law=law, remedies=False)
                 inside = (factor > 1) != is_beyond
                 assert (judged.stable and judged.disk_margin >= limit) == inside
+
+
+@pytest.mark.slow
+def test_the_lines_that_are_drawn_between_dampings_are_stable(region):
+    """An edge bends both ways: a straight line between two points of it may leave the stable laws."""
+    problem = avc.load_admittance("admittance/cobot")
+    hand, contact = problem.hands, problem.contact
+    springs = np.geomspace(hand.stiffness_n_per_m[0], hand.stiffness_n_per_m[1] + contact.stiffness_n_per_m[1], 9)
+    dampings = np.add(hand.damping_ns_per_m, contact.damping_ns_per_m)
+    sums = [(m, b, k) for m in hand.mass_kg for b in dampings for k in springs]
+    sums += [(0.0, contact.damping_ns_per_m[0], k) for k in springs if k <= contact.stiffness_n_per_m[1]]
+    assert np.isnan(region.least_kg).sum() < len(region.least_kg) / 2
+    for edge in (region.least_kg, region.largest_kg):
+        known = np.isfinite(edge) & (edge > 0)
+        for row in np.flatnonzero(known[:-1] & known[1:])[::2]:
+            for share in (0.3, 0.7):
+                mass, damping = (
+                    float(values[row] ** (1 - share) * values[row + 1] ** share)
+                    for values in (edge, region.damping_ns_per_m)
+                )
+                law = with_law(problem, mass, damping)
+                assert max(largest_pole(PlainDevice.of(law, *point)) for point in sums) < 1
+
+
+def test_of_each_scan_the_longest_run_is_bisected():
+    scan = np.geomspace(1.0, 128.0, 8)
+    ends = np.array([[3.0, 50.0], [0.5, 5.0], [200.0, 300.0], [20.0, 500.0]])
+
+    def holds(values, rows):
+        return (values >= ends[rows, 0]) & (values <= ends[rows, 1])
+
+    held = np.array([holds(scan, row) for row in range(4)])
+    held[0, 0] = True
+    spans = held_spans(held, holds, scan)
+    assert spans.low == pytest.approx([3.0, 0.0, math.nan, 20.0], rel=1e-3, nan_ok=True)
+    assert spans.high == pytest.approx([50.0, 5.0, math.nan, math.inf], rel=1e-3, nan_ok=True)
+    assert (spans.low[[0, 3]] >= ends[[0, 3], 0]).all()
+    assert (spans.high[:2] <= ends[:2, 1]).all()
 
 
 @pytest.mark.slow

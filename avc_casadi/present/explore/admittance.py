@@ -11,7 +11,8 @@ import numpy as np
 
 from avc_casadi._errors import InputError
 from avc_casadi.claims.admittance import certify_admittance
-from avc_casadi.claims.mass_width import LawScales, MassWidth, mass_width
+from avc_casadi.claims.mass_spans import LawScales
+from avc_casadi.claims.mass_width import MassWidth, mass_width
 from avc_casadi.coupling import Coupling
 from avc_casadi.files.admittance_file import dump_admittance
 from avc_casadi.model.admittance import AdmittanceProblem, Contact, VirtualImpedance
