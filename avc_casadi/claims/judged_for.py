@@ -10,6 +10,7 @@ from avc_casadi._util.page import Worded, worded
 from avc_casadi._util.units import Units
 from avc_casadi.coupling import Coupling
 from avc_casadi.loops.margins import LEAST_DISK
+from avc_casadi.model.admittance import AdmittanceProblem, Contact
 from avc_casadi.model.ends import Wall
 from avc_casadi.model.problem import Hands, Problem
 
@@ -23,12 +24,19 @@ class JudgedFor(Worded, Document):
         units: of the device.
         disk_margin: required of every loop; None where none is judged.
         gain_margin: required of a coupling to another end than a wall; None of others.
+        contact: what a handle on a force sensor may touch; None of devices without one.
     """
 
     hands: Hands
     units: Units
     disk_margin: float | None = None
     gain_margin: float | None = None
+    contact: Contact | None = None
+
+    @classmethod
+    def of_admittance(cls, problem: AdmittanceProblem) -> JudgedFor:
+        """Return what the verdict on the law of an admittance device is for."""
+        return cls(problem.hands, problem.units, LEAST_DISK, contact=problem.contact)
 
     @classmethod
     def of_law(cls, problem: Problem) -> JudgedFor:
@@ -53,7 +61,8 @@ class JudgedFor(Worded, Document):
         return worded(self, self.units)
 
     def document(self) -> dict[str, Any]:
-        """Return the JSON document: ranges as [lowest, highest], and the margin that is required."""
+        """Return the JSON document: ranges as [lowest, highest], what is touched, and the margin that is required."""
         margins = {"disk_margin": self.disk_margin, "gain_margin": self.gain_margin}
         required = {key: margin for key, margin in margins.items() if margin is not None}
-        return {"hands": self.hands.model_dump(mode="json", exclude={"let_go"})} | required
+        touched = {} if self.contact is None else {"contact": self.contact.document()}
+        return {"hands": self.hands.model_dump(mode="json", exclude={"let_go"})} | touched | required

@@ -8,7 +8,8 @@ from avc_casadi.coupling import Coupling
 from avc_casadi.files.problem_file import load_any
 from avc_casadi.model.ends import ToolGains
 from avc_casadi.model.gains import Gains
-from avc_hardware import export_c
+from avc_casadi.present.rows import engines
+from avc_hardware import admittance_files, export_c
 
 LINEAR = {
     "device": {"mass_kg": 0.1, "damping_ns_per_m": 1.0},
@@ -65,6 +66,33 @@ def to_end(tables):
 def test_the_header_says_for_which_hands_and_margin_the_verdict_is(exported, judged_for):
     header = " ".join(export_c(exported, unsafe=True)["avc_coupling.h"].replace("\n * ", " ").split())
     assert f"judged for {judged_for} sample time" in header
+
+
+@pytest.mark.parametrize(
+    ("name", "judged_for"),
+    [
+        (
+            "admittance/cobot",
+            "hands of 500 g to 2.00 kg, 10.0 N.s/m to 40.0 N.s/m, 100 N/m to 1.00 kN/m, and released, "
+            "contacts of 0 N/m to 5.00 kN/m, 5.00 N.s/m, with a disk margin of at least 0.15",
+        ),
+        (
+            "admittance/pedal",
+            "hands of 500 g to 3.00 kg, 30.0 N.s/m to 150 N.s/m, 500 N/m to 10.0 kN/m, and released, "
+            "without contact, with a disk margin of at least 0.15",
+        ),
+    ],
+)
+def test_the_header_of_an_admittance_law_says_for_which_hands_and_contacts_it_is(name, judged_for):
+    header = " ".join(admittance_files(avc.load_admittance(name))["avc_coupling.h"].replace("\n * ", " ").split())
+    assert f"judged for {judged_for} sample time" in header
+
+
+def test_parameters_for_an_engine_say_for_which_hands_they_are():
+    coupling = to_end({"simulation": {"tool_mass_kg": 0.2, "step_s": 2e-3}})
+    answer = engines.parameters(coupling, "pybullet")
+    assert answer.data["judged_for"] == JudgedFor.of_coupling(coupling).document()
+    assert f"{LINEAR_HANDS}, with a gain margin of at least 1.22" in " ".join(str(answer).split())
 
 
 def test_a_massless_device_has_no_disk_margin_and_no_c():

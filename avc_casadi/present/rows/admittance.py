@@ -16,6 +16,7 @@ from avc_casadi.claims.admittance import (
     HandleVerdict,
 )
 from avc_casadi.claims.handle_port import HandlePassivity
+from avc_casadi.claims.judged_for import JudgedFor
 from avc_casadi.claims.mass_width import MassWidth
 from avc_casadi.claims.sensor_motion import speed_at_rest
 from avc_casadi.files.new_admittance import NewAdmittance
@@ -268,14 +269,16 @@ def _hands_line(problem: SensorProblem) -> tuple[Part, ...]:
 def exported(problem: AdmittanceProblem, precision: str, files: tuple[str, ...], shown: str) -> Answer:
     """Return the answer of `export` for an admittance device."""
     law = None if problem.law is None else problem.law.admittance
+    scope = JudgedFor.of_admittance(problem)
     rate = Value(1 / problem.device.sample_time_s, "frequency")
     out = "velocity" if problem.device.drive == "velocity" else "change of the position"
     rows = [
         row("Law", None if law is None else law_line(law)),
         row("C", f"{precision} precision,", rate, f", position and force in, {out} out"),
         row("Faults", "the header says which readings are refused, and what motion they allow"),
+        subject.judged_for(scope),
     ]
-    data = {"problem": problem.name, "precision": precision, "files": [*files]}
+    data = {"problem": problem.name, "precision": precision, "files": [*files], "judged_for": scope}
     title = parts(shown, device_line(problem.device))
     return Answer("export-admittance", plain(data), title, tuple(rows), (), problem.units)
 

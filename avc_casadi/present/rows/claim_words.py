@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from functools import singledispatch
 
+from avc_casadi._util.arrays import Interval
 from avc_casadi._util.text import quantity
 from avc_casadi._util.units import Units
 from avc_casadi.claims.deployable import (
@@ -77,10 +79,19 @@ def judged_for_clauses(judged_for: JudgedFor, units: Units) -> tuple[str, ...]:
     """Return which hands and which margin a verdict is for, in the units of the device."""
     hands = judged_for.hands
     ranges = ((hands.mass_kg, "kg"), (hands.damping_ns_per_m, "N.s/m"), (hands.stiffness_n_per_m, "N/m"))
-    texts = [" to ".join(quantity(end, units.unit(unit)) for end in dict.fromkeys(ends)) for ends, unit in ranges]
+    texts = _ranged(ranges, units)
+    touched = ""
+    if (contact := judged_for.contact) is not None:
+        of_contact = _ranged(((contact.stiffness_n_per_m, "N/m"), (contact.damping_ns_per_m, "N.s/m")), units)
+        touched = f", contacts of {', '.join(of_contact)}" if contact.touches else ", without contact"
     margins = (("a disk margin", judged_for.disk_margin), ("a gain margin", judged_for.gain_margin))
     required = [f", with {margin} of at least {least:g}" for margin, least in margins if least is not None]
-    return (f"hands of {', '.join(texts)}, and released{''.join(required)}",)
+    return (f"hands of {', '.join(texts)}, and released{touched}{''.join(required)}",)
+
+
+def _ranged(ranges: Iterable[tuple[Interval, str]], units: Units) -> list[str]:
+    """Return ranges of values with their units; of a range of one value the value."""
+    return [" to ".join(quantity(end, units.unit(unit)) for end in dict.fromkeys(ends)) for ends, unit in ranges]
 
 
 @singledispatch

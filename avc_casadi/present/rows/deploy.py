@@ -56,10 +56,6 @@ def _unsafe(why: str) -> list[Row]:
     return [row("Unsafe", why, mark=Mark.FAIL)] if why else []
 
 
-def _judged_for(judged_for: JudgedFor) -> Row:
-    return row("Judged for", judged_for.sentence)
-
-
 def limits(result: ReportedDeviceLimits, units: Units) -> Answer:
     """Return the answer of `device`."""
     boards, hold = result.boards, result.hold
@@ -167,7 +163,7 @@ def push(
         row("Pushed", table, "(", Value(result.seconds, "time"), attempts),
         row("Read back", f"equal{rounding} single precision", mark=Mark.PASS),
         row("Limit", Value(result.max_force_n, "force")),
-        _judged_for(deployment.judged_for),
+        subject.judged_for(deployment.judged_for),
         *([] if loop is None else [in_the_loop(loop)]),
         *subject.notes(filter(None, [deployment.holes, *result.notes])),
         *subject.edited(coupling),
@@ -242,7 +238,7 @@ def export(result: Exported, coupling: Coupling, shown: str) -> Answer:
         *_unsafe(result.unsafe),
         row("Coupling", f"{coupling.id}:", in_c.gains),
         row("C", f"{result.precision} precision,", rates, f", {in_c.size}"),
-        _judged_for(result.judged_for),
+        subject.judged_for(result.judged_for),
         *subject.edited(coupling),
     ]
     if deployment is not None:
@@ -282,7 +278,7 @@ def export_law(result: ExportedLaw, problem: Problem, shown: str) -> Answer:
         row("Verdict", result.sentence, mark=grade(result.passed)),
         row("Law", f"{result.law}:", pieces.named(law), "" if problem.law_in_wall else ", on both sides of 0"),
         row("C", f"{result.precision} precision,", rate),
-        _judged_for(result.judged_for),
+        subject.judged_for(result.judged_for),
     ]
     return subject.answer("export", plain(result), problem, shown, rows)
 
@@ -382,7 +378,7 @@ def stream(result: ReportedStream, deployment: Deployment, coupling: Coupling) -
         row("Round trip", "median", median, ", largest", largest),
         row("Fell back", "to the table", Value(result.fell_back, "number", 9), "times", mark=fell),
         row("Afterwards", after, mark=grade(not result.faults)),
-        _judged_for(deployment.judged_for),
+        subject.judged_for(deployment.judged_for),
         *subject.edited(coupling),
     ]
     streamed = (f"coupling {coupling.id} streamed for", Value(result.seconds, "time"), f"at {result.rate_hz:g} Hz")

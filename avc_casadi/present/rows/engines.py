@@ -12,6 +12,7 @@ from typing import get_args
 
 from avc_casadi._errors import InputError
 from avc_casadi._util.json_values import plain
+from avc_casadi.claims.judged_for import JudgedFor
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.ends import Exchange, Simulation, mujoco_contact_n_per_m
 from avc_casadi.model.ends import ToolIntegrator as Integrator
@@ -85,6 +86,7 @@ class EngineParameters:
         device: call of that loop.
         law: line that runs in each step of the engine.
         traps: what to beware of.
+        judged_for: hands and margin that the verdict on the coupling is for.
     """
 
     engine: str
@@ -97,6 +99,7 @@ class EngineParameters:
     device: str
     law: str
     traps: tuple[str, ...]
+    judged_for: JudgedFor
 
 
 def _values_of(coupling: Coupling) -> dict[str, float]:
@@ -162,7 +165,7 @@ def parameters(coupling: Coupling, engine: str, shown: str = "coupling.json", un
     result = _parameters(coupling, engine, unsafe)
     rows = [_parameter(parameter) for parameter in result.parameters]
     rows += [row("Device", result.device, Value(result.sample_time_s, "time")), row("Each step", result.law)]
-    rows += subject.notes(result.traps, "Trap")
+    rows += [*subject.notes(result.traps, "Trap"), subject.judged_for(result.judged_for)]
     integrator = f" · integrator {result.integrator}" if result.integrator else ""
     exchanged = f"· exchange {result.exchange}{integrator}"
     title = parts(shown, f"  for {result.title} ·", subject.pair_of(coupling.gains), exchanged)
@@ -193,6 +196,7 @@ def _parameters(coupling: Coupling, name: str, unsafe: str) -> EngineParameters:
         device=f"F = avc_coupling_step(&c, x, {_handed_in(tool)}) every",
         law=_law(tool, name, places),
         traps=tuple(trap for trap in traps if trap),
+        judged_for=JudgedFor.of_coupling(coupling),
     )
 
 

@@ -10,6 +10,7 @@ from shlex import quote
 from typing import Any
 
 from avc_casadi.claims.deployable import Deployable
+from avc_casadi.claims.judged_for import JudgedFor
 from avc_casadi.coupling import Coupling
 from avc_casadi.files.catalogue import catalogue_names
 from avc_casadi.files.plausibility import plausibility
@@ -264,6 +265,11 @@ def law_not_used(problem: Problem, why: str | None = None) -> list[Row]:
 def notes(sentences: Iterable[str], label: str = "Note", mark: Mark = Mark.CAUTION, rank: int = 0) -> list[Row]:
     """Return a row for each sentence."""
     return [row(label, sentence, mark=mark, rank=rank) for sentence in sentences]
+
+
+def judged_for(scope: JudgedFor) -> Row:
+    """Return the row of the hands and the margin that a verdict on deployment is for."""
+    return row("Judged for", scope.sentence)
 
 
 _THIN_GAIN = 10 ** (3 / 20)

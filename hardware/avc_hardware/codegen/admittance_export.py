@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from avc_casadi import InputError, NotDeployableError
 from avc_casadi._errors import Fault
 from avc_casadi.claims.admittance import HandleAnalysis, certify_admittance, unstable_at_corners_hz
+from avc_casadi.claims.judged_for import JudgedFor
 from avc_casadi.claims.sensor_motion import SensorLoops
 from avc_casadi.model.admittance import AdmittanceProblem, VirtualImpedance
 from avc_casadi.simulation.emit import Precision
@@ -36,6 +37,7 @@ _HEADER = """\
  * {problem}{title}
  * law: {law}
  * {verdict}
+ * {judged_for}
  * sample time: {period:.9g} s, and no other{units}
  *
  * FAULT MODEL. A reading is believed if it is finite, inside of +-{full:.9g} N, and within {jump:.4g} N of the last one
@@ -357,6 +359,7 @@ def _header(
         units="" if problem.units.linear else f"\n * {turns}",
         law=c_frame.comment(_told(law)),
         verdict=c_frame.comment_lines(verdict),
+        judged_for=c_frame.judged_for(JudgedFor.of_admittance(problem)),
         period=device.sample_time_s,
         full=bounds.full_n,
         jump=bounds.jump_n,
