@@ -4,10 +4,11 @@ Every T_s = N T the engine gives the tool a velocity v and x(n) = x(n-1) + T_s v
 
     G(z) = z^-a K X + z^-c B - [K B] C (z I - A_N)^-1 B_N z^-q [X 1]',    X = T_s z/(z - 1)
 
-A_N, B_N are N samples of the device with the tool's state held, C reads its newest position and velocity, q is the age
-in steps of the tool's state at the device, a and c those of its force on the tool. Of a held force F_e, L being the
-loop from it back to itself, G(z) = z^-a K X + z^-c B + L/(1 - L) z^-e (K X + B). With G positive real the loop with any
-passive engine is stable (Brown and Colgate 1997); an explicit mass is not passive.
+A_N, B_N are N samples of the device with the tool's state held, C reads the position and velocity that the engine has
+of it (the newest, or those of a sample before), q is the age in steps of the tool's state at the device, a and c those
+of its force on the tool. Of a held force F_e, L being the loop from it back to itself, G(z) = z^-a K X + z^-c B
++ L/(1 - L) z^-e (K X + B). With G positive real the loop with any passive engine is stable (Brown and Colgate 1997);
+an explicit mass is not passive.
 """
 
 from __future__ import annotations
@@ -130,14 +131,14 @@ def engine_port(device: Device, hands: Hands, tool: Simulation, gains: ToolGains
     plant = family.sampled
     lowest_of_steps = []
     for step_s in sorted(set(tool.step_s)):
-        clock = clocks(step_s, t)[0]
-        if not clock.whole:
+        timings = clocks(step_s, t, tool.clock)
+        if any(len(timing.samples) > 1 for timing in timings):
             raise UnsupportedError(
                 f"passivity at the engine's port is computed for steps of whole samples (T = {t:g} s) only, not for "
                 f"{step_s:g} s; stability is judged in another claim",
                 key="simulation.step_s",
             )
-        lowest_of_steps.append((_Port(plant, clock, tool, gains).lowest(), step_s))
+        lowest_of_steps += [(_Port(plant, timing, tool, gains).lowest(), step_s) for timing in timings]
     lowest, step_s = min(lowest_of_steps, key=lambda pair: (pair[0].real_ns_per_m, pair[0].angle, pair[0].row, pair[1]))
     tolerance = _TOLERANCE * (gains.damping_ns_per_m + gains.stiffness_n_per_m * max(tool.step_s))
     llewellyn = _with_any_hand(device, tool, gains)
@@ -188,13 +189,13 @@ def _engine_passivity(end: Simulation, problem: Problem, gains: ToolGains) -> Po
 class _Port:
     """G of a coupling at some devices with hands, at one step of an engine; the engine's loop with its tool driven."""
 
-    def __init__(self, plant: SampledPlant, clock: StepTiming, tool: Simulation, gains: ToolGains) -> None:
+    def __init__(self, plant: SampledPlant, timing: StepTiming, tool: Simulation, gains: ToolGains) -> None:
         fixed = ToolState(math.inf, 0.0, 0.0, 0.0)
-        self._engine = EngineLoop(Body.of(plant), clock, tool, [fixed])
+        self._engine = EngineLoop(Body.of(plant), timing, tool, [fixed])
         self._gains = gains
         self._late = PortDelays.of(tool)
         self._held_force = tool.exchange == "held-force"
-        self._step = np.linalg.matrix_power(self._engine.sample(gains), clock.samples[0])
+        self._step = np.linalg.matrix_power(self._engine.sample(gains), timing.samples[0])
 
     def impedance(self, angles: FloatArray) -> ComplexArray:
         """Return G, force over velocity at the tool, N.s/m, at angles omega T_s, shape (angles, devices, hands).
@@ -206,10 +207,9 @@ class _Port:
         b = self._gains.damping_ns_per_m
         late = self._late
         loop = self._engine.loop
-        body = self._engine.body
         inner = loop.at["tool"].start
-        x = body.output_row @ loop["plant"]
-        force = (k * x + b * (x - loop["positions"][0]) / body.sample_time_s)[:inner]
+        x, v = self._engine.reading(late=self._engine.clock.late[0])
+        force = (k * x + b * v)[:inner]
         z = np.exp(1j * angles)[:, None, None]
         place = self._engine.clock.step_s * z / (z - 1)
         tool_alone = k * place * z**-late.spring + b * z**-late.damper
@@ -242,11 +242,11 @@ class _Port:
 def _with_any_hand(device: Device, tool: Simulation, gains: ToolGains) -> float | None:
     """Return Llewellyn's margin, N.s/m, of the coupling between hand and tool; None where it is not computed.
 
-    It is computed where each sample is a step, nothing in it is late, and the device is ideal.
+    It is computed where each sample starts a step whose tool the device has, nothing is late, and the device is ideal.
     """
     delays = PortDelays.of(tool)
     force_delay = delays.force if tool.exchange == "held-force" else 0
-    late = max(delays.spring, delays.damper, delays.state, force_delay) > 0
+    late = max(delays.spring, delays.damper, delays.state, force_delay) > 0 or tool.clock != "device"
     if max(tool.step_s) > _ONE_SAMPLE * device.sample_time_s or late or not ideal(device):
         return None
     margins = []

@@ -22,12 +22,14 @@ from avc_casadi.model.corners import LINEAR_KEYS, device_ranges, linear_values
 from avc_casadi.model.device import Device
 from avc_casadi.model.ends import (
     RIGID_N_PER_M,
+    Clock,
     Simulation,
     ToolGains,
     ToolState,
     tool_at,
     tool_states,
     tool_step,
+    whole_samples,
 )
 from avc_casadi.model.hands import Hand, joined, with_stops
 from avc_casadi.model.plant import sampled_plant
@@ -57,28 +59,33 @@ class StepTiming:
     step_s: float
 
     @property
-    def whole(self) -> bool:
+    def on_samples(self) -> bool:
         """Whether each step of the engine falls on a sample, evenly spaced."""
         return len(self.samples) == 1 and not self.late[0]
 
 
-def clocks(step_s: float, sample_time_s: float) -> list[StepTiming]:
-    """Return the patterns of an engine's steps: one where T divides the step, otherwise one for each distinct phase."""
-    ratio = step_s / sample_time_s
-    if math.isclose(ratio, round(ratio), rel_tol=1e-6) and round(ratio) >= 1:
-        return [StepTiming((round(ratio),), (False,), step_s)]
-    period = Fraction(ratio).limit_denominator(_MOST_STEPS)
+def clocks(step_s: float, sample_time_s: float, clock: Clock = "own") -> list[StepTiming]:
+    """Return the patterns of an engine's steps, one for each distinct phase of its clock.
+
+    No clock of its own keeps a phase: one that is off by 50 ppm passes all of them every 20 s at 1 kHz. So each is
+    judged, of steps of whole samples too. Steps that the loop of the device starts begin at a sample.
+    """
+    if clock == "device":
+        return [StepTiming((whole_samples(step_s, sample_time_s),), (False,), step_s)]
+    period = Fraction(step_s / sample_time_s).limit_denominator(_MOST_STEPS)
     # Phases within 1/period of each other give the same pattern; either one step falls on a sample or none does.
     return [_clock(period, phase, step_s) for phase in (Fraction(0), Fraction(1, 2 * period.denominator))]
 
 
-def clock_ranges(step_s: Interval, sample_time_s: float, *, beats: bool = False) -> list[tuple[StepTiming, Interval]]:
+def clock_ranges(
+    step_s: Interval, sample_time_s: float, clock: Clock = "own", *, beats: bool = False
+) -> list[tuple[StepTiming, Interval]]:
     """Return the patterns of every steady step in a range, each with the steps that it stands for.
 
-    A step of N samples that begins at a sample is of one kind. Every other step is of the other: where it is p/q
-    samples long, its pattern recurs after q steps, in two phases; where it is not rational, its samples are those of
-    its two neighbours p/q in turn (a Sturmian word). Steps take the pattern of the nearest p/q, closer than a
-    thirty-second of the step; beyond 32 samples some whole N stand for all.
+    A step of N samples that begins at a sample is of one kind, the only one of steps that the device's loop starts.
+    Every other step is of the other: where it is p/q samples long, its pattern recurs after q steps, in two phases;
+    where it is not rational, its samples are those of its two neighbours p/q in turn (a Sturmian word). Steps take the
+    pattern of the nearest p/q, closer than a thirty-second of the step; beyond 32 samples some whole N stand for all.
 
     Steps of N + f samples beat with the samples, f turns a step, and feed a mode that turns by pi f in a step: in a
     range of steps no wider than a hundredth of a sample, as weakly as 1/N. With a hand of a range, or a device of one,
@@ -87,13 +94,15 @@ def clock_ranges(step_s: Interval, sample_time_s: float, *, beats: bool = False)
     shortest = step_s[0] / sample_time_s
     longest = step_s[1] / sample_time_s
     if longest - shortest < _SAME_INSTANT:
-        return [(clock, step_s) for clock in clocks(step_s[0], sample_time_s)]
+        return [(timing, step_s) for timing in clocks(step_s[0], sample_time_s, clock)]
     lengths = _step_lengths(shortest, longest, beats=beats)
     patterns: list[tuple[StepTiming, Interval]] = []
     for length in lengths:
         if length.denominator == 1 and shortest - _SAME_INSTANT <= length <= longest + _SAME_INSTANT:
             whole_s = float(length) * sample_time_s
             patterns.append((StepTiming((int(length),), (False,), whole_s), (whole_s, whole_s)))
+    if clock == "device":
+        return patterns
     ends = [-math.inf, *(float(length + after) / 2 for length, after in itertools.pairwise(lengths)), math.inf]
     for length, (before, after) in zip(lengths, itertools.pairwise(ends), strict=True):
         low = max(before, shortest)
@@ -222,7 +231,7 @@ class EngineLoop:
     def _wide(self) -> int:
         return 1 if self.engine.exchange == "held-force" else 2
 
-    def _samples(self, *, late: bool) -> tuple[Rows, Rows]:
+    def reading(self, *, late: bool) -> tuple[Rows, Rows]:
         """Return rows of position and velocity of the device at its newest sample, or the one before."""
         last, older = self.loop["positions"]
         if late:
@@ -236,7 +245,7 @@ class EngineLoop:
         x and v are position and velocity of the device, y and w those of the tool that came last, b the damper of the
         device's own loop. Where the engine sends the force of K and B instead, that is taken.
         """
-        x, v = self._samples(late=False)
+        x, v = self.reading(late=False)
         oldest = self.loop["queue"][-self._wide :]
         if self._wide == 1:
             pull = oldest[0]
@@ -259,7 +268,7 @@ class EngineLoop:
         `late` reads the sample before the device's newest one.
         """
         loop = self.loop
-        x, v = self._samples(late=late)
+        x, v = self.reading(late=late)
         place, speed = loop["tool"]
         tools = self._of_tools
         mass = tools.mass_kg
@@ -321,12 +330,16 @@ class ToolLoops(LoopFamily):
             engine = EngineLoop(body, clock, tool, self.tools)
             return _pattern(engine, lambda row: self._case(row, clock.step_s))
 
-        corners = [at_corners(clock) for step_s in sorted(set(tool.step_s)) for clock in clocks(step_s, sample_time_s)]
+        corners = [
+            at_corners(timing)
+            for step_s in sorted(set(tool.step_s))
+            for timing in clocks(step_s, sample_time_s, tool.clock)
+        ]
         plants = Plants(problem.device)
         regions = [
             _region(problem, plants, clocked, contacts, side.box)
             for side in family.sides
-            for clocked in clock_ranges(tool.step_s, sample_time_s, beats=not side.varies)
+            for clocked in clock_ranges(tool.step_s, sample_time_s, tool.clock, beats=not side.varies)
             for contacts in contact_knots_n_per_m(tool)
         ]
         super().__init__(corners, regions)
@@ -397,7 +410,7 @@ def _region(
     of_step = {"step_s": (step_s[0], step_s[0]) if fixed else step_s}
     ranges = {**of_plant, **of_tool, **of_step}
     knots = {"contact.stiffness_n_per_m": contacts} if len(contacts) > 1 else {}
-    return SearchRegion(Box(ranges, knots), pattern, (contact, clock.whole, *of_plant.values()))
+    return SearchRegion(Box(ranges, knots), pattern, (contact, clock.on_samples, *of_plant.values()))
 
 
 class Plants:

@@ -17,12 +17,16 @@ from avc_casadi.model.device import Detent, Device
 
 ToolIntegrator = Literal["semi-implicit", "explicit", "exact", "implicit-damping", "implicit"]
 Exchange = Literal["on-time", "late", "ahead", "held-force"]
+Clock = Literal["own", "device"]
+"""What times the steps of an engine: a clock of its own, or the loop of the device, which starts each step."""
 
 RIGID_N_PER_M = q.LARGEST_STIFFNESS_N_PER_M
 """A contact of this stiffness counts as rigid: the tool stops at it."""
 
 _ROUNDING = 1e-9
 """Share by which a time may miss its limit by rounding, as of a rate typed in place of a time."""
+_SAME_NUMBER = 1e-6
+"""Share by which a step may miss a whole number of samples, as of one typed with few digits."""
 MOST_LINK_SAMPLES = 64
 """Largest delay of a link between two devices, in samples, each way."""
 
@@ -135,6 +139,7 @@ class Simulation(t.Table, End):
     substeps: _Substeps = 1
     exchange: Exchange = "on-time"
     steps_late: _Late = 0
+    clock: Clock = "own"
     contact_stiffness_n_per_m: Contacts = (0.0, RIGID_N_PER_M)
     contact_damping_ns_per_m: Dampings | None = None
     position_scale: Scale = 1.0
@@ -186,13 +191,35 @@ class Simulation(t.Table, End):
         return self.contact_stiffness_n_per_m[0] in (0.0, RIGID_N_PER_M) and self.rigid
 
     def document(self) -> dict[str, Any]:
-        """Return its values; a number of substeps that older files do not have only where there are some."""
-        return self.model_dump(mode="json", exclude={"substeps"} if self.substeps == 1 else None)
+        """Return its values; substeps and a clock, which older files do not have, only where they are no default."""
+        defaults = {key for key in ("substeps", "clock") if getattr(self, key) == type(self).model_fields[key].default}
+        return self.model_dump(mode="json", exclude=defaults)
+
+    def keys_with_step(self, step_s: Interval, sample_time_s: float) -> dict[str, Any]:
+        """Return its keys with another step: on a clock of its own, where the device's loop cannot start that."""
+        return {"step_s": step_s, "clock": self.clock if _all_whole(step_s, sample_time_s) else "own"}
 
     def faults_beside(self, device: Device) -> Iterator[t.Finding]:
-        """Yield a step that is shorter than a sample of the device."""
+        """Yield a step that is shorter than a sample of the device, or that the device's loop cannot start."""
         if self.step_s[0] < device.sample_time_s * (1 - _ROUNDING):
             yield ("step_s",), f"is {t.shown(self.step_s)}; {at_least_a_sample(device)}"
+        elif self.clock == "device" and not _all_whole(self.step_s, device.sample_time_s):
+            whole = f"a whole number of device.sample_time_s = {t.shown(device.sample_time_s)}"
+            yield (
+                ("step_s",),
+                f'is {t.shown(self.step_s)}; allowed: {whole}, as clock = "device"; leave clock out for any step',
+            )
+
+
+def _all_whole(step_s: Interval, sample_time_s: float) -> bool:
+    """Return whether the shortest and the longest step of a range last a whole number of samples."""
+    return all(whole_samples(end_s, sample_time_s) for end_s in step_s)
+
+
+def whole_samples(step_s: float, sample_time_s: float) -> int:
+    """Return how many samples a step lasts; 0 where that is no whole number."""
+    ratio = step_s / sample_time_s
+    return round(ratio) if math.isclose(ratio, round(ratio), rel_tol=_SAME_NUMBER) else 0
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from avc_casadi.model.control_law import ControlLaw
 from avc_casadi.model.device import Device
 from avc_casadi.model.ends import End, Simulation
 
-_OF_DEVICES = ("exchange", "position_scale", "force_scale", "stiffness_n_per_m")
+_OF_DEVICES = ("exchange", "clock", "position_scale", "force_scale", "stiffness_n_per_m")
 """Keys of [simulation] that say how a device is joined to its tool."""
 _OF_JOINTS = ("stiffness_n_per_m", "damping_ns_per_m", "velocity")
 """Keys of [law] that act in a joint."""

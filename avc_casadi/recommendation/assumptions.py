@@ -32,6 +32,10 @@ class Simplification(Assumption, Enum):
     """The engine's step is steady: each steady step of its range is judged."""
     STEADY_STEP_OF_LIST = auto()
     """The engine's step is steady, any of several; steps that vary are in the trial alone."""
+    ENGINE_CLOCK_OF_ITS_OWN = auto()
+    """The engine's clock is its own: every phase of its steps in the device's samples is judged."""
+    ENGINE_STEPS_OF_DEVICE = auto()
+    """The loop of the device starts each step of the engine, at a sample."""
     NO_FRICTION_IN_TRIAL = auto()
     """The trial of a teleoperator has no dry friction, at neither end."""
     ANY_CONTACT = auto()

@@ -125,6 +125,10 @@ def _assumed_of_simulation(end: Simulation) -> list[Simplification]:
         simplifications.append(Simplification.TOOL_FREE_OR_HELD)
     steady = len(set(end.step_s)) == 1
     simplifications.append(Simplification.STEADY_STEPS_OF_RANGE if steady else Simplification.STEADY_STEP_OF_LIST)
+    of_device = end.clock == "device"
+    simplifications.append(
+        Simplification.ENGINE_STEPS_OF_DEVICE if of_device else Simplification.ENGINE_CLOCK_OF_ITS_OWN
+    )
     return simplifications
 
 

@@ -468,7 +468,7 @@ def nominal_end(end: End, problem: Problem) -> NominalEnd:  # noqa: ARG001
 def _heaviest_tool(engine: Simulation, problem: Problem) -> NominalEnd:
     t = problem.device.sample_time_s
     free, rigid = (tool_states(engine, contact)[-1] for contact in (0.0, RIGID_N_PER_M))
-    clock, driven = clocks(max(engine.step_s), t)[-1], Body.motion_source(t)
+    clock, driven = clocks(max(engine.step_s), t, engine.clock)[-1], Body.motion_source(t)
     mass, damping = (0.0, 0.0) if free.fixed else (free.mass_kg, free.damping_ns_per_m)
     moving, held = (EngineLoop(driven, clock, engine, [state]) for state in (free, rigid))
     return NominalEnd(moving, held, not free.fixed, mass, damping)

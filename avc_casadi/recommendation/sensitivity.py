@@ -140,9 +140,11 @@ def what_would_help_tool(problem: Problem, search: ToolSearch, *, local: bool) -
     step_s, hands = max(tool.step_s), search.loops.worst_hands
     changes: dict[Change, dict[str, Any]] = {}
     if step_s >= 2 * t:
-        changes[Change.ENGINE_TWICE_AS_FAST] = {"step_s": step_s / 2}
+        changes[Change.ENGINE_TWICE_AS_FAST] = tool.keys_with_step((step_s / 2, step_s / 2), t)
     if tool.substeps > 1 and min(tool.step_s) >= t * tool.substeps:
-        changes[Change.FORCE_IN_EACH_SUBSTEP] = {"step_s": [s / tool.substeps for s in tool.step_s], "substeps": 1}
+        shortest_s, longest_s = (end_s / tool.substeps for end_s in tool.step_s)
+        of_substeps = tool.keys_with_step((shortest_s, longest_s), t)
+        changes[Change.FORCE_IN_EACH_SUBSTEP] = {**of_substeps, "substeps": 1}
     if tool.exchange != "on-time" or tool.steps_late:
         changes[Change.STATE_ON_TIME] = {"exchange": "on-time", "steps_late": 0}
     if tool.tool_mass_kg is not None:

@@ -258,7 +258,7 @@ def worst_of_engine(tables: Row, gains: tuple[float, float], named: Any) -> tupl
     for ratio in steps:
         if not shortest - 1e-9 <= ratio <= longest + 1e-9:
             continue
-        phases = {Fraction(0)} if ratio.denominator == 1 else {Fraction(0), Fraction(1, 2 * ratio.denominator)}
+        phases = Fraction(0), Fraction(1, 2 * ratio.denominator)
         chosen = springs if len(springs) < 5 else [0.0, math.inf, *random.choice(springs[2:], 3), touched]
         for phase, spring in itertools.product(phases, chosen):
             # A device at its end stop before a tool that stands still leaves nothing that moves.

@@ -26,7 +26,7 @@ from studied import about, computed, made_by, rounded, table
 
 import avc_casadi as avc
 from avc_casadi.design.virtual_tool import ToolSearch
-from avc_casadi.model.ends import ToolGains
+from avc_casadi.model.ends import ToolGains, whole_samples
 from avc_casadi.model.hands import hand_corners
 from avc_casadi.model.problem import Problem
 
@@ -57,6 +57,8 @@ def problem_of(axis: Axis, **simulation: Any) -> Problem:
         "exchange": axis.exchange,
         "steps_late": axis.steps_late,
         "integrator": "implicit-damping" if axis.engine_damps else "semi-implicit",
+        # The axis starts every step of the engine at the first sample from then on.
+        "clock": "device" if whole_samples(axis.step_s, axis.sample_time_s) else "own",
     }
     frequency = {"stop_hz": min(450.0, 0.45 / axis.sample_time_s)}
     return Problem(device=device, simulation=table_ | simulation, frequency=frequency)

@@ -29,14 +29,16 @@ def coupling_file(folder, name, gains):
 def test_certificate_tells_stability_and_passivity_apart(tmp_path, capsys):
     """A soft pair is passive at the port; an explicit mass of 200 g grows with it, an implicit one rests."""
     pair = ToolGains(615.7, 0.2317)
-    code, found = answer(capsys, "certify", coupling_file(tmp_path, "tool/mujoco-500hz", pair))
+    text = avc.catalogue_path("tool/mujoco-500hz").read_text().replace("step_s", 'clock = "device"\nstep_s')
+    explicit = tmp_path / "explicit.toml"
+    explicit.write_text(text)
+    code, found = answer(capsys, "certify", coupling_file(tmp_path, str(explicit), pair))
     assert code == 1
     assert not found["stable"]
     assert found["passivity"]["passive"]
     assert not found["passivity"]["engine_is_implicit"]
     assert found["worst"]["tool"]["mass_kg"] == 0.2
     changed = tmp_path / "implicit.toml"
-    text = avc.catalogue_path("tool/mujoco-500hz").read_text()
     text = text.replace('"semi-implicit"', '"implicit"').replace('"on-time"', '"ahead"')
     changed.write_text(f"{text}\n[robustness]\ngain_margin = 1\n")
     code, found = answer(capsys, "certify", str(changed), str(tmp_path / "c.json"))

@@ -161,7 +161,7 @@ def engine(step_s, sample_time_s, **keys):
 
 
 def engine_growth(gains, ratio, sample_time_s, hands=(RELEASED,), **how):
-    phases = {Fraction(0)} if ratio.denominator == 1 else {Fraction(0), Fraction(1, 2 * ratio.denominator)}
+    phases = Fraction(0), Fraction(1, 2 * ratio.denominator)
     ends = (0.12, 0.8, sample_time_s, 1), hands, (0.2, 0.0), gains, ratio
     return max(lifted_engine.growth(*ends, phase=phase, **how).max() for phase in phases)
 

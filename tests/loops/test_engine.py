@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import avc_casadi as avc
 from avc_casadi.design.virtual_tool import CouplingSearch, Scale, ToolSearch
-from avc_casadi.loops.engine import EngineLoop, ToolLoops, clocks
+from avc_casadi.loops.engine import EngineLoop, ToolLoops, clock_ranges, clocks
 from avc_casadi.loops.loop import Body
 from avc_casadi.model.ends import RIGID_N_PER_M, Simulation, ToolGains, tool_states
 
@@ -46,10 +46,11 @@ def largest_root(simulator, gains, samples):
     late=st.integers(0, 2),
     gains=st.builds(ToolGains, st.just(0.0) | st.floats(50.0, 2e4), st.floats(0.0, 100.0), st.sampled_from([0.0, 5.0])),
     motor=st.sampled_from([1.0, 1.22]),
+    clock=st.sampled_from(["own", "device"]),
     hand=st.sampled_from([(0.05, 3.0, 200.0), (0.3, 20.0, 800.0)]),
 )
 def test_spectral_radius_is_the_largest_root_of_a_plain_simulation(
-    mass, ratio, integrator, substeps, exchange, late, gains, motor, hand
+    mass, ratio, integrator, substeps, exchange, late, gains, motor, clock, hand
 ):
     m, b, k = hand
     hands = f"[hands]\nmass_kg = [{m}, {m}]\ndamping_ns_per_m = [{b}, {b}]\nstiffness_n_per_m = [{k}, {k}]"
@@ -58,6 +59,8 @@ def test_spectral_radius_is_the_largest_root_of_a_plain_simulation(
         f"steps_late = {late}\nsubsteps = {substeps}\ntool_damping_ns_per_m = 0.7\n"
         "contact_stiffness_n_per_m = 900.0\ncontact_damping_ns_per_m = 5.0"
     )
+    of_device = clock == "device" and ratio % 1 == 0
+    text += '\nclock = "device"' if of_device else ""
     gains = gains.times(motor, 0)
     radius, worst = ToolLoops(problem(text, hands=hands)).radius(gains)
     if not 1.02 < radius < 4:  # a tool that floats has roots of 1, which are none of the loop's
@@ -65,7 +68,7 @@ def test_spectral_radius_is_the_largest_root_of_a_plain_simulation(
     whole = round(ratio * 12)  # samples until every pattern of both clocks recurs, and more than the state has
     found = [
         largest_root(one, gains, whole)
-        for phase in ((0.0, 0.37) if ratio % 1 else (0.0,))
+        for phase in ((0.0,) if of_device else (0.0, 0.37))
         for contact in (None, (900.0, 5.0))
         for one in simulators(integrator, substeps, ratio, mass, exchange, 0.7, [hand], late, phase, contact)
     ]
@@ -81,6 +84,58 @@ def simulators(integrator, substeps, ratio, mass, exchange, drag, hands, late=0,
         for hand in (*hands, (0.0, 0.0, 0.0), (0.0, 7e3, 1e8))
         for tool in ((mass, np.inf) if hand[2] < 1e8 else (mass,))
     ]
+
+
+def swing_of_drifting_clocks(gains, hand, tool, ratio, how, ppm, samples=24000):
+    """Largest swing in each sixth of a run in which the engine's clock passes every phase."""
+    simulator = EngineSimulator((0.12, 0.8, 1e-3, 1), hand, tool, ratio * 1e-3 * (1 + 1e-6 * ppm), **how)
+    device, moved = simulator.run(gains.stiffness_n_per_m, gains.damping_ns_per_m, samples, kick=1e-6, force=np.inf)
+    apart = np.abs(device - (moved if np.isfinite(tool[0]) else 0.0))
+    return apart.reshape(6, -1).max(axis=1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("ppm", [-170.0, 170.0])
+@pytest.mark.parametrize(
+    ("ratio", "integrator", "exchange", "mass", "lag_s"),
+    [
+        (2, "semi-implicit", "on-time", 0.2, 3e-3),
+        (1, "exact", "held-force", 0.2, 2e-3),
+        (5, "implicit-damping", "held-force", 1.3, 2.5e-3),
+        (3, "semi-implicit", "ahead", 0.94, 1.1e-3),
+    ],
+)
+def test_a_coupling_is_stable_while_the_clocks_drift_through_every_phase(ratio, integrator, exchange, mass, lag_s, ppm):
+    """A clock 170 ppm off: below the limit a swing decays; above it grows, except where one instant alone refutes."""
+    text = f"tool_mass_kg = {mass}\nstep_s = {ratio * 1e-3!r}\nintegrator = '{integrator}'\nexchange = '{exchange}'"
+    search, k = ToolSearch(problem(text)), 10.0
+    while search.gain_margin(ToolGains(4 * k, 4 * k * lag_s)):
+        k *= 4
+    limit = ToolGains(k, k * lag_s).times(search.gain_margin_over_ranges(ToolGains(k, k * lag_s)))
+    above = limit.times(1.1)
+    how = {"integrator": integrator, "exchange": exchange}
+    case = ToolLoops(problem(text)).radius(above)[1]
+    ends = tuple(case.hand.values()), (np.inf if case.tool.fixed else mass, 0.0)
+    for hand, tool in (ends, ((0.0, 0.0, 0.0), (mass, 0.0)), ((0.0, 0.0, 0.0), (np.inf, 0.0))):
+        swing = swing_of_drifting_clocks(limit.times(0.95), hand, tool, ratio, how, ppm)
+        assert swing[-1] < swing[0]
+    swing = swing_of_drifting_clocks(above, *ends, ratio, how, ppm)
+    # A state ahead of its force refutes the phase in which a step falls on a sample, and a drift has no time there.
+    assert (swing[-1] > 10 * swing[0]) == (exchange != "ahead")
+
+
+def test_steps_that_the_devices_loop_starts_are_whole_samples_and_begin_at_one():
+    keys = "tool_mass_kg = 0.2\nclock = 'device'\nstep_s = "
+    assert [(timing.samples, timing.late) for timing in clocks(3 * T, T, "device")] == [((3,), (False,))]
+    assert {timing.late for timing in clocks(3 * T, T)} == {(False,), (True,)}
+    ranges = clock_ranges((2 * T, 5 * T), T, "device")
+    assert [(timing.samples, timing.late) for timing, _ in ranges] == [((n,), (False,)) for n in (2, 3, 4, 5)]
+    for step_s in ("0.0025", "[0.002, 0.0035]"):
+        with pytest.raises(avc.InputError, match=r"simulation.step_s.*whole number of device.sample_time_s"):
+            problem(keys + step_s)
+    # A clock off by a hair is one of its own.
+    assert ToolLoops(problem("tool_mass_kg = 0.2\nstep_s = 0.003")).corners == 2
+    assert ToolLoops(problem(f"{keys}0.003")).corners == 1
 
 
 @pytest.mark.slow

@@ -58,7 +58,7 @@ def growth(hand, tool_kg, step_s, gains):
 @pytest.mark.parametrize(("tool_kg", "step_s"), [(0.05, 0.01), (0.1, 0.016)])
 def test_no_hand_inside_breaks_a_coupling_to_an_engine(tool_kg, step_s):
     text = f"{DEVICE.format(0.08, 0.3)}[simulation]\ntool_mass_kg = {tool_kg}\nstep_s = {step_s}\n"
-    stated = avc.parse_problem(f'{text}integrator = "implicit"\nexchange = "late"\n')
+    stated = avc.parse_problem(f'{text}clock = "device"\nintegrator = "implicit"\nexchange = "late"\n')
     limit = ToolSearch(stated).stiffest()
     hands = [(m, 3.0, k) for m in np.geomspace(0.05, 0.3, 7) for k in (200.0, 800.0)]
     assert max(growth(hand, tool_kg, step_s, limit.times(0.98)) for hand in hands) < 1
@@ -72,7 +72,7 @@ def test_no_hand_inside_breaks_a_coupling_to_an_engine(tool_kg, step_s):
 def test_a_hand_inside_refutes_what_corners_pass():
     stated = avc.parse_problem(
         f"{DEVICE.format(0.08, 0.3)}[simulation]\ntool_mass_kg = 0.05\nstep_s = 0.01\n"
-        'integrator = "implicit"\nexchange = "late"\n'
+        'clock = "device"\nintegrator = "implicit"\nexchange = "late"\n'
     )
     loops, gains = ToolLoops(stated), ToolGains(1.35 * 1229.0, 1.35 * 30.65)
     assert loops.stable(gains)

@@ -1,5 +1,7 @@
 """The effect `simulation` of a scene: against a plain simulation of device, hand and engine."""
 
+from fractions import Fraction
+
 import numpy as np
 from engine_simulator import EngineSimulator
 from hypothesis import given, settings
@@ -17,6 +19,7 @@ delay_samples = 1
 tool_mass_kg = 0.3
 tool_damping_ns_per_m = 0.5
 step_s = {step!r}
+clock = "{clock}"
 integrator = "{integrator}"
 substeps = {substeps}
 exchange = "{exchange}"
@@ -58,12 +61,18 @@ force_n = 5.0
     stiffness=st.sampled_from([100.0, 500.0, 3000.0]),
     damping=st.sampled_from([0.0, 2.0, 10.0]),
     local=st.sampled_from([0.0, 3.0]),
+    clock=st.sampled_from(["own", "device"]),
 )
-def test_scene_moves_as_a_plain_simulation(ratio, integrator, substeps, exchange, late, stiffness, damping, local):
+def test_scene_moves_as_a_plain_simulation(
+    ratio, integrator, substeps, exchange, late, stiffness, damping, local, clock
+):
+    """Steps that the device's loop starts begin at its first sample; a clock of the engine's own has some phase."""
     step = ratio * 1e-3
+    clock = "own" if ratio % 1 else clock
     problem = avc.parse_problem(
         SCENE.format(
             step=step,
+            clock=clock,
             integrator=integrator,
             substeps=substeps,
             exchange=exchange,
@@ -74,20 +83,22 @@ def test_scene_moves_as_a_plain_simulation(ratio, integrator, substeps, exchange
         )
     )
     run = avc.simulate(problem, NO_COUPLING)
-    plain = EngineSimulator(
-        (0.12, 0.8, 1e-3, 1),
-        (0.1, 5.0, 400.0),
-        (0.3, 0.5),
-        step,
-        integrator,
-        exchange,
-        late,
-        contact="wall",
-        substeps=substeps,
-    )
-    start = run.position_m[0]
-    device, tool = plain.run(stiffness, damping, run.samples, local=local, target=run.target_m, start=start, force=5.0)
-    until = np.flatnonzero(np.abs(device) > 0.2)
-    until = until[0] if len(until) else len(device)
-    np.testing.assert_allclose(run.position_m[:until], device[:until], atol=1e-9)
-    np.testing.assert_allclose(run.tool_m[:until], tool[:until], atol=1e-9)
+    # Every phase between two instants at which a step falls on a sample gives the same motion.
+    period = Fraction(ratio).limit_denominator(3).denominator
+    phases = [(number + 0.5) / period for number in range(period)] if clock == "own" else [0.0]
+    ends = (0.12, 0.8, 1e-3, 1), (0.1, 5.0, 400.0), (0.3, 0.5), step
+    engines = [
+        EngineSimulator(*ends, integrator, exchange, late, contact="wall", phase=phase, substeps=substeps)
+        for phase in phases
+    ]
+    how = {"local": local, "target": run.target_m, "start": run.position_m[0], "force": 5.0}
+    motions = [engine.run(stiffness, damping, run.samples, **how) for engine in engines]
+    assert any(moves_alike(run, *motion) for motion in motions)
+
+
+def moves_alike(run, device, tool):
+    """Whether device and tool of a run move as those of a plain simulation, until the device leaves its room."""
+    away = np.flatnonzero(np.abs(device) > 0.2)
+    until = away[0] if len(away) else len(device)
+    pairs = ((run.position_m, device), (run.tool_m, tool))
+    return all(np.allclose(moved[:until], plain[:until], rtol=0, atol=1e-9) for moved, plain in pairs)

@@ -30,6 +30,13 @@ _SIMPLIFICATIONS = {
     Simplification.STEADY_STEP_OF_LIST: (
         "the engine's step is steady, any of step_s: steps that vary are in the trial alone"
     ),
+    Simplification.ENGINE_CLOCK_OF_ITS_OWN: (
+        "the engine has a clock of its own: every phase of its steps against the samples is judged; state "
+        'simulation.clock = "device" if the device\'s loop starts each step'
+    ),
+    Simplification.ENGINE_STEPS_OF_DEVICE: (
+        "the device's loop starts each step of the engine, at a sample: on a clock of its own less is stable"
+    ),
     Simplification.NO_FRICTION_IN_TRIAL: "simulated hands: neither device has dry friction",
     Simplification.ANY_CONTACT: "the follower touches anything from nothing to a rigid object",
     Simplification.CONTACT_DAMPING: "what the follower touches is damped by a tenth of the critical damping",

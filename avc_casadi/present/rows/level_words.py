@@ -279,7 +279,7 @@ def pair_clauses(certificate: PairCertificate, units: Units) -> tuple[str, ...]:
     claim = (
         "linear stability of the lifted loop: hands of [hands] and the device released, devices, tools, delays, steady "
         "steps and contacts of their ranges (corners, then a search for the worst point inside), every phase of the "
-        "clocks (one where a step is a whole number of samples: it begins at a sample)"
+        "clocks (at samples alone where the device's loop starts each step of the engine)"
     )
     return (claim,)
 

@@ -61,8 +61,6 @@ _AHEAD = (
 )
 _EXPLICIT = "is explicit: it adds energy to every oscillation; use semi-implicit if the engine has it"
 _SUBSTEPS = "hold a force for the whole step; compute it in each substep instead, and state that time as step_s"
-_WHOLE_SAMPLES = 1e-6
-"""Share of a sample by which an engine's step may differ from a whole number of them."""
 
 
 @singledispatch
@@ -74,7 +72,6 @@ def doubts_of(end: End, problem: Problem) -> Iterator[Doubt]:  # noqa: ARG001
 @doubts_of.register
 def _doubts_of_simulation(tool: Simulation, problem: Problem) -> Iterator[Doubt]:
     """Yield what costs most stiffness, or what no coupling can stabilise."""
-    sample_time_s = problem.device.sample_time_s
     if not ToolLoops(problem).engine_alone_stable():
         yield Doubt("simulation.contact_stiffness_n_per_m", _CONTACT_UNSTABLE)
     if tool.exchange == "ahead" and tool.tool_mass_kg is not None:
@@ -83,10 +80,6 @@ def _doubts_of_simulation(tool: Simulation, problem: Problem) -> Iterator[Doubt]
         yield Doubt("simulation.integrator", _EXPLICIT)
     if tool.substeps > 1:
         yield Doubt("simulation.substeps", _SUBSTEPS)
-    samples = [step_s / sample_time_s for step_s in tool.step_s]
-    if any(abs(count - round(count)) > _WHOLE_SAMPLES for count in samples):
-        step = f"is not a multiple of T = {sample_time_s:g} s: every phase of the two clocks is judged"
-        yield Doubt("simulation.step_s", step)
 
 
 @dataclass(frozen=True)

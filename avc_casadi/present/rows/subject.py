@@ -71,7 +71,8 @@ def _tool_line(tool: Simulation) -> tuple[Part, ...]:
     late = (",", Value(tool.steps_late, "steps"), "late") if tool.steps_late else ()
     held = f", a force for {tool.substeps} substeps" if tool.substeps > 1 else ""
     rates = span([1 / step for step in tool.step_s], "frequency")
-    return parts(tool_mass, "at", rates, f", {tool.integrator}, {tool.exchange}", late, held)
+    started = ", stepped by the device's loop" if tool.clock == "device" else ""
+    return parts(tool_mass, "at", rates, f", {tool.integrator}, {tool.exchange}", late, held, started)
 
 
 @end_line.register

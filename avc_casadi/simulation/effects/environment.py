@@ -270,7 +270,9 @@ class EngineEffect(SceneEffect, keys=SimulationEffect, rank=155, role="environme
         count = math.ceil(samples * sample_time_s / low) + 1
         share = np.random.default_rng((self.seed, run, 4)).random(count) if high > low else np.zeros(count)
         lengths = low + (high - low) * share
-        ends = np.concatenate([[0.0], np.cumsum(lengths[:-1])]) / sample_time_s
+        # A clock of the engine's own has any phase. The device's loop starts its steps at samples.
+        phase = 0.0 if self.tool.clock == "device" else np.random.default_rng((self.seed, run, 5)).random()
+        ends = phase + np.concatenate([[0.0], np.cumsum(lengths[:-1])]) / sample_time_s
         first = np.ceil(ends - _ROUNDING).astype(int)
         inside = first < samples
         runs = inside & (np.random.default_rng((self.seed, run, 3)).random(count) >= self.dropped_share)
