@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
@@ -40,14 +40,14 @@ from avc_casadi.model.plant import SampledPlant
 from avc_casadi.model.sensed import SensorProblem
 from avc_casadi.model.table import shown
 
-# Changes that are looked at: up to this factor, in so many steps; then bisections to about a per cent.
-_MOST_CHANGE = 30.0
-_CHANGES = 12
+CHANGE_FACTORS: FloatArray = np.geomspace(1.0, 30.0, 13)[1:]
+"""Factors by which a number is changed to find what would help."""
+# Bisections of a change, to about a per cent.
 _REFINEMENTS = 5
 # Cases of a handle that touches nothing: held and released.
 _WITHOUT_CONTACT = 2
-# Shares of a delay that are looked at.
-_DELAY_SHARES = (0.75, 0.5, 0.25, 0.0)
+DELAY_SHARES = (0.75, 0.5, 0.25, 0.0)
+"""Shares of a delay that are looked at."""
 # Limits that a certificate looks for: of mass, damping and contact.
 _LIMITS = 3
 # A pole within this share of the frequency of the handle on its sensor is its swing, if it keeps this share of decay.
@@ -244,11 +244,14 @@ class HandleVerdict(Printed):
         stiffest_contact_n_per_m: up to which every contact is stable; 0 where none is, infinite without a limit. Not a
             number where limits were not looked for.
         passivity: whether it is passive at the handle, which is more than stability with hands and contacts asks for.
+        damped_by: of a law that rings, single changes with which it does not; the one that damps it most where none is
+            enough. None where none was looked for.
     """
 
     cases: tuple[HandleCase, ...]
     stiffest_contact_n_per_m: float
     passivity: HandlePassivity
+    damped_by: tuple[AdmittanceRemedy, ...] | None
 
     @property
     def touches(self) -> bool:
@@ -328,8 +331,6 @@ class AdmittanceCertificate(HandleVerdict):
         drift_m_per_s: velocity of a released handle whose reading is one step of the sensor off; infinite without
             damping, 0 on a spring.
         remedies: single changes that make it sound; None where none was looked for.
-        damped_by: of a law that rings, single changes with which it does not; the one that damps it most where none is
-            enough. None where none was looked for.
 
     Example:
         >>> avc.certify_admittance("admittance/cobot", remedies=False).stable
@@ -343,7 +344,6 @@ class AdmittanceCertificate(HandleVerdict):
     noise_m_per_s: float
     drift_m_per_s: float
     remedies: tuple[AdmittanceRemedy, ...] | None
-    damped_by: tuple[AdmittanceRemedy, ...] | None
 
     @property
     def cause(self) -> str:
@@ -467,7 +467,7 @@ def _judged(analysis: HandleAnalysis, law: VirtualImpedance, stages: Stages, *, 
 
 
 @dataclass(frozen=True)
-class _Way:
+class Way:
     """Values of a number, the nearest to its own first, and what a value makes of law and problem.
 
     Attributes:
@@ -477,13 +477,13 @@ class _Way:
     key: str
     from_value: float | None
     values: tuple[float, ...]
-    made: Callable[[float], tuple[VirtualImpedance, AdmittanceProblem]]
+    made: Callable[[float], tuple[Any, Any]]
 
 
-def _ways(law: VirtualImpedance, problem: AdmittanceProblem) -> Iterator[_Way]:
+def _ways(law: VirtualImpedance, problem: AdmittanceProblem) -> Iterator[Way]:
     """Yield changes of one number of law or device that may help, each with its values, the least change first."""
     device = problem.device
-    factors = np.geomspace(1.0, _MOST_CHANGE, _CHANGES + 1)[1:]
+    factors = CHANGE_FACTORS
 
     def of_law(key: str) -> Callable[[float], tuple[VirtualImpedance, AdmittanceProblem]]:
         return lambda value: (law.with_number(key, value), problem)
@@ -494,14 +494,14 @@ def _ways(law: VirtualImpedance, problem: AdmittanceProblem) -> Iterator[_Way]:
     for key in ("mass_kg", "damping_ns_per_m"):
         value = getattr(law, key)
         for direction in (1, -1) if value else ():
-            yield _Way(key, value, tuple((value * factors**direction).tolist()), of_law(key))
+            yield Way(key, value, tuple((value * factors**direction).tolist()), of_law(key))
     fastest_hz = law.cutoff_hz or 0.4 / device.sample_time_s
-    yield _Way("cutoff_hz", fastest_hz, tuple((fastest_hz / factors).tolist()), of_law("cutoff_hz"))
+    yield Way("cutoff_hz", fastest_hz, tuple((fastest_hz / factors).tolist()), of_law("cutoff_hz"))
     if law.cutoff_hz is not None:
-        yield _Way("cutoff_hz", law.cutoff_hz, tuple((law.cutoff_hz * factors).tolist()), of_law("cutoff_hz"))
-    delays = tuple(device.delay_samples * share for share in _DELAY_SHARES if device.delay_samples)
-    yield _Way("delay_samples", None, delays, of_device("delay_samples"))
-    yield _Way("sample_time_s", None, (device.sample_time_s / 2,), of_device("sample_time_s"))
+        yield Way("cutoff_hz", law.cutoff_hz, tuple((law.cutoff_hz * factors).tolist()), of_law("cutoff_hz"))
+    delays = tuple(device.delay_samples * share for share in DELAY_SHARES if device.delay_samples)
+    yield Way("delay_samples", None, delays, of_device("delay_samples"))
+    yield Way("sample_time_s", None, (device.sample_time_s / 2,), of_device("sample_time_s"))
     scaled = (
         ("drive_bandwidth_hz", 1),
         ("sensor_stiffness_n_per_m", 1),
@@ -510,7 +510,7 @@ def _ways(law: VirtualImpedance, problem: AdmittanceProblem) -> Iterator[_Way]:
     )
     for key, direction in scaled:
         value = device.value(key)
-        yield _Way(key, value, tuple((value * factors**direction).tolist()), of_device(key))
+        yield Way(key, value, tuple((value * factors**direction).tolist()), of_device(key))
 
 
 def with_device_value(problem: AdmittanceProblem, key: str, value: float) -> AdmittanceProblem:
@@ -528,7 +528,7 @@ def with_device_value(problem: AdmittanceProblem, key: str, value: float) -> Adm
     return problem.model_copy(update={"device": changed.model_copy(update={"range": kept})})
 
 
-def _least_change(analysis: HandleAnalysis, way: _Way) -> AdmittanceRemedy | None:
+def _least_change(analysis: HandleAnalysis, way: Way) -> AdmittanceRemedy | None:
     """Return the least change of a number that leaves a sound disk margin, as its loops show; None where none does.
 
     The first sound one of its values is taken, by bisection towards the one before, and confirmed by a search.
@@ -559,12 +559,17 @@ def _least_change(analysis: HandleAnalysis, way: _Way) -> AdmittanceRemedy | Non
 
 
 def damping_changes(analysis: HandleAnalysis, law: VirtualImpedance) -> tuple[AdmittanceRemedy, ...]:
+    """Return the changes of an admittance law and its device with which the law does not ring."""
+    return changes_that_damp(analysis, law, _ways(law, analysis.problem))
+
+
+def changes_that_damp(analysis: SensorAnalysis, law: AnyLaw, ways: Iterable[Way]) -> tuple[AdmittanceRemedy, ...]:
     """Return the first value of each number with which a law does not ring and has a sound disk margin.
 
     Where there is none, that is the change with the largest damping ratio, if it is twice as large as now.
     """
     enough, best = [], None
-    for way in _ways(law, analysis.problem):
+    for way in ways:
         for value in way.values:
             changed, problem = way.made(value)
             judged = analysis if problem is analysis.problem else analysis.changed(problem)

@@ -16,15 +16,22 @@ for (Proc. IEEE ICRA 1989). Motor and sensor on a rigid body have no such limit;
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
 from typing import Any
 
 from avc_casadi._errors import InputError
 from avc_casadi._util.arrays import Interval
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.page import worded
-from avc_casadi.claims.admittance import HandleVerdict, SensorAnalysis
+from avc_casadi.claims.admittance import (
+    CHANGE_FACTORS,
+    DELAY_SHARES,
+    HandleVerdict,
+    SensorAnalysis,
+    Way,
+    changes_that_damp,
+)
 from avc_casadi.claims.handle_port import passivity
 from avc_casadi.claims.law_limits import BeyondLimit, LawLimits, LimitSide, NumberLaws, nearest_limit
 from avc_casadi.claims.stated_law import noise_gain
@@ -141,10 +148,11 @@ def certify_force_feedback(
         return limits.interval(number, NumberLaws(table, number, lambda changed: [changed.law(period)]))
 
     numbers = [number for number in judged_law.numbers(period) if number.path != judged_law.gain_number.path]
-    return ForceFeedbackCertificate(
+    certificate = ForceFeedbackCertificate(
         cases=tuple(analysis.case(judged_law, side) for side in analysis.family.sides),
         stiffest_contact_n_per_m=analysis.stiffest_contact_n_per_m(judged_law),
         passivity=passivity(analysis.family.sides[0].devices, judged_law.law(period)),
+        damped_by=None,
         problem=stated,
         law=judged_law,
         gain_range=interval(judged_law.gain_number),
@@ -153,6 +161,69 @@ def certify_force_feedback(
         ideal_limit=IdealLimit.of(stated),
         noise_n=command_noise_n(stated, judged_law),
     )
+    damped = changes_that_damp(analysis, judged_law, _ways(stated)) if certificate.passed and certificate.rings else ()
+    return replace(certificate, damped_by=damped)
+
+
+_WAYS = {
+    "law.force_feedback.gain": (-1,),
+    "law.damping_ns_per_m": (1, -1),
+    "law.force_feedback.cutoff_hz": (1, -1),
+    "device.amplifier_bandwidth_hz": (1,),
+    "device.force_sensor.stiffness_n_per_m": (1, -1),
+    "device.force_sensor.damping_ratio": (1,),
+    "device.force_sensor.handle_mass_kg": (1, -1),
+}
+"""Numbers of law and device whose changes may damp a law that rings: upwards, downwards."""
+_MOST_SENSOR_DAMPING = 1.0
+"""Largest damping ratio of a handle on its sensor that is looked at."""
+
+
+def _ways(problem: ForceFeedbackProblem) -> Iterator[Way]:
+    """Yield the changes of a law with force feedback and of its device."""
+
+    def of_key(key: str) -> Callable[[float], tuple[Any, ForceFeedbackProblem]]:
+        def made(value: float) -> tuple[Any, ForceFeedbackProblem]:
+            changed = with_value_of(problem, key, value)
+            return changed.law, changed
+
+        return made
+
+    for key, directions in _WAYS.items():
+        value = value_of(problem, key) or 0.0
+        # A law without a damper gets one of the size of the device's own.
+        if not value and key == "law.damping_ns_per_m":
+            value = problem.device.damping_ns_per_m
+        for direction in directions if value else ():
+            values = (value * CHANGE_FACTORS**direction).tolist()
+            if key.endswith("damping_ratio"):
+                values = [ratio for ratio in values if ratio <= _MOST_SENSOR_DAMPING]
+            yield Way(key, value, tuple(values), of_key(key))
+    delays = tuple(problem.device.delay_samples * share for share in DELAY_SHARES if problem.device.delay_samples)
+    yield Way("device.delay_samples", None, delays, of_key("device.delay_samples"))
+    yield Way("device.sample_time_s", None, (problem.device.sample_time_s / 2,), of_key("device.sample_time_s"))
+
+
+def value_of(problem: Any, key: str) -> float | None:
+    """Return the value of a dotted key; None where a table on the way is missing."""
+    value = problem
+    for name in key.split("."):
+        value = None if value is None else getattr(value, name)
+    return None if value is None else float(value)
+
+
+def with_value_of(problem: Any, key: str, value: float) -> Any:
+    """Return a table with another value of a dotted key, and a declared range of it moved by the same factor."""
+    name, _, rest = key.partition(".")
+    before = getattr(problem, name)
+    if rest:
+        return problem.model_copy(update={name: with_value_of(before, rest, value)})
+    update: dict[str, Any] = {name: value}
+    declared = getattr(getattr(problem, "range", None), name, None)
+    if declared is not None:
+        moved = tuple(end * value / before for end in declared)
+        update["range"] = problem.range.model_copy(update={name: moved})
+    return problem.model_copy(update=update)
 
 
 def command_noise_n(problem: ForceFeedbackProblem, law: SensedLaw) -> float:

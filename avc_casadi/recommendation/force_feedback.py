@@ -17,7 +17,12 @@ from avc_casadi._util.json_values import plain
 from avc_casadi._util.printed import Printed
 from avc_casadi._util.progress import SILENT, Progress, Stages
 from avc_casadi.claims.admittance import SensorAnalysis
-from avc_casadi.claims.force_feedback import ForceFeedbackCertificate, certify_force_feedback
+from avc_casadi.claims.force_feedback import (
+    ForceFeedbackCertificate,
+    certify_force_feedback,
+    value_of,
+    with_value_of,
+)
 from avc_casadi.files.admittance_file import AnyForceFeedback, as_force_feedback
 from avc_casadi.loops.margins import SOUND_DISK
 from avc_casadi.model.sensed import ForceFeedback, ForceFeedbackProblem, SensedLaw
@@ -184,32 +189,10 @@ def _larger_gains(analysis: SensorAnalysis, law: SensedLaw, gain: float, stages:
     problem = analysis.problem.model_copy(update={"law": law})
     for key, factor in _CHANGES.items():
         stages.begin(f"with another {key.rpartition('.')[2]}")
-        value = _value(problem, key)
+        value = value_of(problem, key)
         if not value:
             continue
-        changed = _with_value(problem, key, factor * value)
+        changed = with_value_of(problem, key, factor * value)
         larger = _rounded_down(_largest_gain(analysis.changed(changed), changed.law or law, _SOUND_ROUGHLY))
         if larger > _HELPS * gain:
             yield LargerGain(key, factor * value, larger)
-
-
-def _value(problem: Any, key: str) -> float | None:
-    """Return the value of a dotted key; None where a table on the way is missing."""
-    value = problem
-    for name in key.split("."):
-        value = None if value is None else getattr(value, name)
-    return None if value is None else float(value)
-
-
-def _with_value(problem: Any, key: str, value: float) -> Any:
-    """Return a table with another value of a dotted key, and a declared range of it moved by the same factor."""
-    name, _, rest = key.partition(".")
-    before = getattr(problem, name)
-    if rest:
-        return problem.model_copy(update={name: _with_value(before, rest, value)})
-    update: dict[str, Any] = {name: value}
-    declared = getattr(getattr(problem, "range", None), name, None)
-    if declared is not None:
-        moved = tuple(end * value / before for end in declared)
-        update["range"] = problem.range.model_copy(update={name: moved})
-    return problem.model_copy(update=update)

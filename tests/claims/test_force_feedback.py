@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from admittance_loop import PlainForceDevice, growth, handle_impedance, largest_pole
+from admittance_loop import PlainForceDevice, growth, handle_impedance, largest_pole, swings
 
 import avc_casadi as avc
 from avc_casadi.claims.force_feedback import IdealLimit
@@ -203,3 +203,26 @@ def test_a_device_without_a_wall_knows_its_noise_and_prints_its_rows():
     assert "Stable gain" in text
     assert "Ideal loop" in text
     assert stated.document()["gain_range"][0] == 0.0
+
+
+@pytest.mark.slow
+def test_force_feedback_that_rings_is_a_caution_with_the_changes_that_damp_it():
+    light = avc.certify_force_feedback("admittance/lightened")
+    worst = light.least_damped
+    ratios, hz = swings(
+        PlainForceDevice.of(light.problem, *map(sum, zip(worst.hand.values(), worst.contact.values(), strict=True)))
+    )
+    assert light.rings
+    assert worst.law_damping_ratio < 0.2
+    assert (ratios.min(), hz[ratios.argmin()]) == pytest.approx(
+        (worst.law_damping_ratio, worst.law_damping_ratio_hz), rel=0.3
+    )
+    answer = rows.force_feedback.certificate(light)
+    marks = {row.label: row.mark for row in answer.rows}
+    assert marks["Deployable"] == marks["Damping ratio"] == Mark.CAUTION
+    (remedy,) = light.damped_by
+    assert remedy.key == "law.damping_ns_per_m"
+    damped = avc.certify_force_feedback("admittance/lightened", law={"damping_ns_per_m": remedy.value})
+    assert not damped.rings
+    assert damped.damped_by == ()
+    assert damped.disk_margin >= 0.2

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from shlex import quote
 
 from avc_casadi._util.arrays import Interval
@@ -179,7 +179,7 @@ def certificate(result: AdmittanceCertificate, shown: str = "") -> Answer:
     rows = [
         row("Deployable", f"{'yes' if result.passed else 'no'}: {result.reason}", mark=mark),
         margins(result, result.problem),
-        _damping(result),
+        damping_of(result),
         row("Worst case", worst_case(result.worst)),
         *_limits(result),
         passivity(result.passivity),
@@ -212,7 +212,7 @@ def recommendation(result: AdmittanceRecommendation, shown: str = "", written: s
             row("Law", law_line(judged.law)),
             row("Effort", Value(result.effort_ns_per_m, "damping"), "at 1 Hz; mass felt, handle included:", felt),
             margins(judged, judged.problem),
-            _damping(judged),
+            damping_of(judged),
             row("Worst case", worst_case(judged.worst)),
             stiffest(judged, problem.contact),
             _noise(judged),
@@ -365,7 +365,12 @@ def damping(cases: tuple[HandleCase, ...]) -> Row:
     return row("Damping ratio", Value(least.damping_ratio, "number", 2), "at", hz, f"({_HANDLES[least.handle]})")
 
 
-def _damping(result: AdmittanceCertificate) -> Row:
+def measured_change(key: str) -> tuple[str, Quantity]:
+    """Return what a number that a remedy changes is called, and what it measures."""
+    return _CHANGES[key]
+
+
+def damping_of(result: HandleVerdict, measured: Callable[[str], tuple[str, Quantity]] = measured_change) -> Row:
     """Return the least damping ratio of any case; of a law that rings how long a swing lasts, and what would help."""
     if not result.rings:
         return damping(result.cases)
@@ -376,17 +381,16 @@ def _damping(result: AdmittanceCertificate) -> Row:
     swing = (Value(ratio, "number", 2), "at", Value(hz, "frequency"), f"({_HANDLES[least.handle]}), settles in")
     remedy: tuple[Part, ...] = ()
     if result.damped_by is not None:
-        remedy = ("no single change of law, drive, delay or sensor by a factor of 30 damps it",)
+        remedy = ("no single change of law, device, delay or sensor by a factor of 30 damps it",)
     if result.damped_by:
-        remedy = commas(map(_damped_by, result.damped_by), ";")
+        remedy = commas((_damped_by(change, *measured(change.key)) for change in result.damped_by), ";")
     lasts = Value(-math.log(SETTLING_BAND) / decay_per_s, "time")
     return row(
         "Damping ratio", swing, lasts, ": lightly damped;" if remedy else ": lightly damped", remedy, mark=Mark.CAUTION
     )
 
 
-def _damped_by(remedy: AdmittanceRemedy) -> tuple[Part, ...]:
-    name, of = _CHANGES[remedy.key]
+def _damped_by(remedy: AdmittanceRemedy, name: str, of: Quantity) -> tuple[Part, ...]:
     return parts(name, Value(remedy.value, of), ":", Value(remedy.damping_ratio, "number", 2))
 
 

@@ -22,6 +22,7 @@ _CHANGES: dict[str, tuple[str, Quantity]] = {
     "device.force_sensor.damping_ratio": ("damping ratio of the handle on its sensor", "number"),
     "device.force_sensor.handle_mass_kg": ("handle", "mass"),
     "law.damping_ns_per_m": ("b", "damping"),
+    "law.force_feedback.gain": ("gain", "number"),
     "law.force_feedback.cutoff_hz": ("force below", "frequency"),
 }
 """Numbers whose change is reported: what they are called, and what they measure."""
@@ -81,11 +82,12 @@ def certificate(result: ForceFeedbackCertificate, shown: str = "") -> Answer:
     """Return the answer of `certify`."""
     problem = result.problem
     shown = shown or problem.typed_name
-    mark = Mark.FAIL if not result.passed else grade(result.disk_margin >= SOUND_DISK, Mark.CAUTION)
+    sound = result.disk_margin >= SOUND_DISK and not result.rings
+    mark = Mark.FAIL if not result.passed else grade(sound, Mark.CAUTION)
     rows = [
         row("Deployable", f"{'yes' if result.passed else 'no'}: {result.reason}", mark=mark),
         admittance.margins(result, problem),
-        admittance.damping(result.cases),
+        admittance.damping_of(result, _CHANGES.__getitem__),
         row("Worst case", admittance.worst_case(result.worst)),
         _felt(result),
         *_limits(result),
@@ -111,13 +113,14 @@ def recommendation(result: ForceFeedbackRecommendation, shown: str = "", written
     """Return the answer of `recommend`."""
     problem, judged = result.problem, result.certificate
     shown = shown or problem.typed_name
-    rows = [row("Deployable", f"{'yes' if result.passed else 'no'}: {result.reason}", mark=grade(result.passed))]
+    mark = grade(judged is None or not judged.rings, Mark.CAUTION) if result.passed else Mark.FAIL
+    rows = [row("Deployable", f"{'yes' if result.passed else 'no'}: {result.reason}", mark=mark)]
     if judged is not None:
         rows += [
             row("Law", law_line(judged.law)),
             _felt(judged),
             admittance.margins(judged, problem),
-            admittance.damping(judged.cases),
+            admittance.damping_of(judged, _CHANGES.__getitem__),
             row("Worst case", admittance.worst_case(judged.worst)),
             *_limits(judged),
             admittance.stiffest(judged, problem.contact),
