@@ -53,6 +53,7 @@ def recommended(args: argparse.Namespace, console: Console) -> Answer:
     problem = load_sensor_problem(args.problem)
     refused = "is an option of devices that are commanded a force and have no force sensor; leave it out"
     cli.refuse(args, "stiffest", "lean_on_friction", "prove", "trade_off", why=refused)
+    cli.refuse(args, "hands", why="is of simulated hands, which choose no law for a force sensor; leave it out")
     cli.refuse(args, "frequency", why="is of a joint that an engine moves, and P has a device; leave it out")
     if args.out is not None and args.out.suffix.lower() != ".toml":
         raise avc.InputError.of("ends in .json; allowed: .toml, the file of the device with its law", key="out")

@@ -326,7 +326,13 @@ def _kinds_of_end(problem: avc.Problem) -> tuple[str, ...]:
     return (end.kind, problem.wall.kind) if end.beside_wall else (end.kind,)
 
 
-def recommended(problem: avc.Problem, console: Console, hands: int = 100, **options: Any) -> avc.Recommendation:
+RECOMMENDED_HANDS = 100
+"""Simulated hands of a recommendation, unless others are stated."""
+
+
+def recommended(
+    problem: avc.Problem, console: Console, hands: int = RECOMMENDED_HANDS, **options: Any
+) -> avc.Recommendation:
     """Return the recommended coupling to a wall, a simulation or a follower."""
     from avc_casadi._util.parallel import processors
     from avc_casadi.cli.console import package_versions

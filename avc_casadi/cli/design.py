@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from avc_casadi.present.rows.deploy import PushOutcome
 
 _STIFFEST = "find the stiffest wall (within a fifth) that this device renders well at 1 to 10 Hz"
-_HANDS = "set the number of simulated hands (default: 100)"
+_HANDS = f"set the number of simulated hands (default: {cli.RECOMMENDED_HANDS})"
 _SOLVER = "choose the solver of `direct`: sqpmethod-qrqp (default), sqpmethod, ipopt, or another nlpsol plugin"
 _MINE = "add your own constant gains: stiffness in N/m and damping in N.s/m, such as 7000,10"
 
@@ -218,7 +218,7 @@ def _at_tip(new: NewProblem, model: str | None, tip: str | None) -> NewProblem:
     cli.flag("--lean-on-friction", "accept couplings that need the declared dry friction to settle"),
     cli.flag("--prove", "prove the chosen coupling as `avc certify --prove` does; may take minutes"),
     cli.flag("--trade-off", "list the impedance error at several disk margins"),
-    cli.argument("--hands", type=cli.positive_int, default=100, metavar="N", text=_HANDS),
+    cli.argument("--hands", type=cli.positive_int, metavar="N", text=_HANDS),
     cli.argument("--frequency", metavar="F", text='choose kp of a simulated joint for this frequency ("10 Hz")'),
     cli.VERBOSE,
 )

@@ -189,7 +189,8 @@ def recommended(end: End, problem: avc.Problem, args: argparse.Namespace, consol
     if not isinstance(end, Wall):
         cli.refuse(args, "stiffest", "lean_on_friction", "prove", "trade_off", why=cli.OF_WALLS)
     options = {"stiffest": args.stiffest, "lean_on_friction": args.lean_on_friction, "prove": args.prove}
-    recommendation = cli.recommended(problem, console, args.hands, with_trade_off=args.trade_off, **options)
+    hands = args.hands or cli.RECOMMENDED_HANDS
+    recommendation = cli.recommended(problem, console, hands, with_trade_off=args.trade_off, **options)
     written = None
     # What the trials refuse, other verbs would take: they judge linear stability alone.
     if args.out is not None and recommendation.coupling is not None and recommendation.deployable:
@@ -200,7 +201,7 @@ def recommended(end: End, problem: avc.Problem, args: argparse.Namespace, consol
 
 @recommended.register
 def _recommended_of_joint(end: Joint, problem: avc.Problem, args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG001
-    cli.refuse(args, "out", "stiffest", "lean_on_friction", "prove", "trade_off", why=_OF_DEVICES)
+    cli.refuse(args, "out", "stiffest", "lean_on_friction", "prove", "trade_off", "hands", why=_OF_DEVICES)
     frequency_hz = None if args.frequency is None else hertz(args.frequency, "frequency")
     with console.step("kp and kd of the joint"), cli.faults_of("frequency"):
         return rows.joint.recommendation(avc.recommend_joint(problem, frequency_hz), args.problem)

@@ -135,6 +135,8 @@ def run_trial(args: argparse.Namespace, console: Console) -> Answer:
     from avc_casadi.simulation.population.trial import count_at_rest
 
     if states_law(args.coupling, None):
+        one_process = "applies to couplings and admittance devices; the trial of a law is one process; leave it out"
+        cli.refuse(args, "workers", "scheduler", why=one_process)
         problem, hands = avc.load_problem(args.coupling), args.hands or LAW_HANDS
         with console.step(f"{hands} hands"):
             tried = try_law(problem, hands, args.seed, friction=not args.without_friction, progress=console)
