@@ -53,6 +53,7 @@ def pair_rows(recommended: PairRecommendation) -> list[Row]:
     return [
         row("Coupling", subject.pair_of(coupling.gains, local), softer, mark=doubt),
         *_scaled(recommended.end, coupling),
+        *_damped_in_the_device(recommended.end, coupling),
         *rendered_rows(recommended.rendered),
         *_pair_stability(pair),
         *_two_port(pair),
@@ -62,6 +63,22 @@ def pair_rows(recommended: PairRecommendation) -> list[Row]:
         *_same_k(pair, problem, rank=1),
         *_pair_limit(recommended),
     ]
+
+
+@singledispatch
+def _damped_in_the_device(end: End, coupling: Coupling) -> list[Row]:  # noqa: ARG001
+    """Return what a damper in the device's loop assumes of it."""
+    return []
+
+
+@_damped_in_the_device.register
+def _damped_beside_an_engine(end: Simulation, coupling: Coupling) -> list[Row]:
+    sample_time_s = coupling.problem.device.sample_time_s
+    if not coupling.gains.local_damping_ns_per_m or min(end.step_s) <= sample_time_s:
+        return []
+    rate = ("its damper runs every", Value(sample_time_s, "time"), ", faster than the engine;")
+    remedy = "if your program commands the device once a step, state device.sample_time_s = step_s"
+    return [row("Device's loop", rate, remedy)]
 
 
 @singledispatch
