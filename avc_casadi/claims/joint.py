@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -13,7 +13,7 @@ from avc_casadi._errors import InputError
 from avc_casadi._util.arrays import FloatArray, Interval
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.printed import Printed
-from avc_casadi.claims.stable_interval import inside_ends, stable_interval
+from avc_casadi.claims.stable_interval import searched_ends, stable_interval
 from avc_casadi.files.border import in_keys_of
 from avc_casadi.files.problem_file import AnyProblem, load_any
 from avc_casadi.loops.joint import JointFamily, JointGains
@@ -46,7 +46,6 @@ class JointCertificate(Printed):
         damping_ns_per_m: between which values kd is stable at this kp; None: none is.
         step_s: between which steps kp and kd are stable; None: at none.
         mass_kg: between which masses of the joint they are; None: with none. MuJoCo's armature adds to the mass.
-        needs_damper: kd = 0 is not stable, so that an interval of kd from 0 on is one above 0.
 
     Example:
         >>> joint = {"simulation": {"tool_mass_kg": 0.01, "step_s": 0.005, "integrator": "implicit-damping"}}
@@ -67,7 +66,6 @@ class JointCertificate(Printed):
     damping_ns_per_m: Interval | None
     step_s: Interval | None
     mass_kg: Interval | None
-    needs_damper: bool = False
 
     @property
     def passed(self) -> bool:
@@ -95,7 +93,7 @@ class JointCertificate(Printed):
 
     def document(self) -> dict[str, Any]:
         """Return the certificate as JSON values: the law, its limits under `stable_at`, and the other numbers."""
-        values = {key: value for key, value in vars(self).items() if key not in ("problem", "gains", "needs_damper")}
+        values = {key: value for key, value in vars(self).items() if key not in ("problem", "gains")}
         law: dict[str, Any] = {"stiffness_n_per_m": self.gains.kp, "damping_ns_per_m": self.gains.kd}
         law |= {"velocity": "difference" if self.gains.difference else "engine"}
         whole = {"problem": self.problem.name, "law": law, "armature_kg": self.armature_kg, "stable_at": {}}
@@ -180,7 +178,6 @@ def certify_joint(
         damping_ns_per_m=limits.interval(LawNumber(("kd",), float(gains.kd) or lightest / step_s)),
         step_s=limits.interval(LawNumber(("step_s",), step_s, _SHORTEST_STEP_S, LONGEST_STEP_S)),
         mass_kg=limits.interval(LawNumber(("mass_kg",), lightest, LIGHTEST_TOOL_KG)),
-        needs_damper=not family.stable(replace(gains, kd=0.0)),
     )
 
 
@@ -216,7 +213,7 @@ class _Limits:
         name = number.key
         for _ in range(_SEARCHES):
             ends = stable_interval(number, partial(self._growth, name))
-            if ends is None or all(self._confirmed(name, value) for value in inside_ends(number, ends)):
+            if ends is None or all(self._confirmed(name, value) for value in searched_ends(number, ends)):
                 break
         # Without any gain the joint is as it is: that alone is no interval.
         return None if ends == (0.0, 0.0) else ends

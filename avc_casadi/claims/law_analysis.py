@@ -13,6 +13,7 @@ import numpy as np
 
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.arrays import FloatArray
+from avc_casadi._util.open_end import AboveZero
 from avc_casadi.claims.law_points import LawPoint, Measure, around, corner_points, radius, worst
 from avc_casadi.claims.stated_law import AnyLaw, noise_n
 from avc_casadi.loops.margins import SOUND_DISK, Margins, OpenLoop, damping_ratios
@@ -225,7 +226,7 @@ class LawAnalysis:
             limit = float(np.nan_to_num(high[around_law][0] if around_law.any() else high[0]))
             if not limit or self._confirm(replace(law, stiffness_n_per_m=limit * _JUST_BELOW)):
                 break
-        return limit
+        return limit * _JUST_BELOW
 
     def damping_range(self, law: SpringDamper) -> tuple[float, float] | None:
         """Return the lowest and the largest b at the k of a law, about its own or nearest to it; None without any."""
@@ -239,13 +240,18 @@ class LawAnalysis:
             first, last = min(runs, key=lambda run: np.abs(scan[run] - law.damper_ns_per_m).min())[[0, -1]]
             stable = scan[[first, last]]
             unstable = scan[[max(first - 1, 0), min(last + 1, len(scan) - 1)]]
+            # An end is a value that is judged stable: just inside the edge.
             edges = self._edges(law, stable, unstable)
-            edges[0] *= stiffness > 0 or first != 1  # without k and b there is no law
+            edges = np.where(edges == stable, edges, edges + (1 - _JUST_BELOW) * np.abs(edges) * [1, -1])
             ends = [replace(law, damping_ns_per_m=0.0, local_damping_ns_per_m=float(edge)) for edge in edges]
             if self._confirm(*ends):
                 break
-        low, high = edges - law.local_damping_ns_per_m
-        return None if high < 0 else (max(float(low), 0.0), float(high))
+        low, high = (edges - law.local_damping_ns_per_m).tolist()
+        if high < 0:
+            return None
+        # Without k, b and b_p there is no law.
+        sole = not stiffness and not law.local_damping_ns_per_m and first <= 1
+        return AboveZero(scan[1]) if sole else max(low, 0.0), high
 
     def _dampers_ns_per_m(self, law: SpringDamper) -> FloatArray:
         """Return the dampers of a scan: 0, that of the law, and up to four times m/T or twice the device's own.

@@ -27,9 +27,10 @@ from avc_casadi.claims.law_points import (
     slopes_at,
     worst,
 )
-from avc_casadi.claims.stable_interval import Growth, inside_ends, stable_interval
+from avc_casadi.claims.stable_interval import Growth, searched_ends, stable_interval
 from avc_casadi.claims.stated_law import StatedSystem
 from avc_casadi.loops.loop import Body
+from avc_casadi.loops.plant_family import RADIUS_TOLERANCE
 from avc_casadi.loops.plant_family import Measure as PlantMeasure
 from avc_casadi.loops.wall import closed
 from avc_casadi.model.control_law import ControlLaw, LawNumber
@@ -41,6 +42,8 @@ LawsOf = Callable[[FloatArray], Sequence[Law]]
 
 # Plants that a scan looks at: those of the largest radii. The others are looked at where it ends.
 _PLANTS_OF_A_SCAN = 12
+# A loop with this radius is not stable: the same as in a verdict, so that an end of an interval has the verdict yes.
+_UNSTABLE_FROM = 1 - RADIUS_TOLERANCE
 # A limit is confirmed by at most so many searches of the ranges.
 _SEARCHES = 4
 
@@ -166,7 +169,7 @@ class LawLimits:
         self._chosen = np.argsort(radii)[-_PLANTS_OF_A_SCAN:]
         for _ in range(_SEARCHES):
             ends = stable_interval(number, partial(self._growth, laws_of), partial(self._deciding, laws_of))
-            if ends is None or self._confirmed(laws_of, inside_ends(number, ends)):
+            if ends is None or self._confirmed(laws_of, searched_ends(number, ends)):
                 break
         return ends
 
@@ -181,18 +184,18 @@ class LawLimits:
         return np.array(np.broadcast_arrays(*radii))
 
     def _growth(self, laws_of: LawsOf, values: FloatArray) -> FloatArray:
-        """Return the largest radius at the chosen points less 1, at each of some values."""
-        return np.asarray(self._radii(laws_of(values), self._chosen).max(axis=0) - 1)
+        """Return the largest radius at the chosen points less that of a stable loop, at each of some values."""
+        return np.asarray(self._radii(laws_of(values), self._chosen).max(axis=0) - _UNSTABLE_FROM)
 
     def _deciding(self, laws_of: LawsOf, value: float) -> Growth:
-        """Return radius - 1 over values of a number, of those laws and points alone that are unstable at one value."""
-        unstable = self._radii_of_each(laws_of(np.array([value])), self._chosen)[..., 0] >= 1
+        """Return the growth over values of a number, of those laws and points alone that are unstable at one value."""
+        unstable = self._radii_of_each(laws_of(np.array([value])), self._chosen)[..., 0] >= _UNSTABLE_FROM
         points = self._chosen[unstable.any(axis=0)]
         places = np.flatnonzero(unstable.any(axis=1)).tolist()
 
         def growth(values: FloatArray) -> FloatArray:
             laws = laws_of(values)
-            return np.asarray(self._radii([laws[place] for place in places], points).max(axis=0) - 1)
+            return np.asarray(self._radii([laws[place] for place in places], points).max(axis=0) - _UNSTABLE_FROM)
 
         return growth
 
@@ -204,7 +207,7 @@ class LawLimits:
         confirmed = True
         for value in values:
             laws = laws_of(np.array([value]))
-            worse = np.flatnonzero(self._radii(laws, slice(None))[:, 0] >= 1)
+            worse = np.flatnonzero(self._radii(laws, slice(None))[:, 0] >= _UNSTABLE_FROM)
             if not worse.size:
                 worse = self._searched([law.pick(0) for law in laws])
             confirmed = confirmed and not worse.size
@@ -222,7 +225,9 @@ class LawLimits:
             matrices = tuple(matrix.tobytes() for matrix in (law.a, law.b, law.c, law.d))
             if matrices in self._stable_laws:
                 continue
-            points = [case.point for case in map(partial(self._worst, law), self.family.sides) if case.value >= 1]
+            points = [
+                case.point for case in map(partial(self._worst, law), self.family.sides) if case.value >= _UNSTABLE_FROM
+            ]
             unstable += points
             if not points:
                 self._stable_laws.add(matrices)

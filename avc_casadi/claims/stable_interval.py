@@ -14,6 +14,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from avc_casadi._util.arrays import FloatArray, Interval
+from avc_casadi._util.open_end import AboveZero
 from avc_casadi.model.control_law import LawNumber
 
 Growth = Callable[[FloatArray], FloatArray]
@@ -22,24 +23,28 @@ Growth = Callable[[FloatArray], FloatArray]
 Deciding = Callable[[float], Growth]
 """The growth of those loops alone that are unstable at a value: they decide where an interval ends before it."""
 
-# Values of a scan: from a value up and down by a factor, in so many steps; a side of another sign has as many. The
-# first few are looked at together, then twice as many at a time up to the most.
+# Values of a scan: from a value up and down by a factor, in so many steps; a side of another sign has as many. A gain
+# goes up by more: one of 1e-9 N.s/m is far below every limit. The first few are looked at together, then twice as many
+# at a time up to the most.
 _REACH = 1e4
 _STEPS = 64
+_REACH_OF_GAINS = 1e12
 _FIRST_TOGETHER = 2
 _MOST_TOGETHER = 16
 # An end is right to this share of the distance between a stable value and one that is not.
 _PRECISION = 1e-8
 _BISECTIONS = 27
-# An end below this share of the last value of the scan is 0: a loop that any damper damps is unstable without one
-# alone, and the root is then where rounding leaves it.
+# This share of the last value of the scan is the last above 0 that is judged: a loop that any damper damps is unstable
+# without one alone, and the root is then where rounding leaves it.
 _LEAST_END = 1e-2
-JUST_INSIDE = 1e-6
-"""Share of an end by which the value that confirms it lies inside."""
+# Share of a root by which an end lies inside: an end is a value that is judged stable.
+_JUST_INSIDE = 1e-6
 
 
 def stable_interval(number: LawNumber, growth: Growth, deciding: Deciding | None = None) -> Interval | None:
     """Return the stable interval of a number about its value, or nearest to it; None where no value is stable.
+
+    Both ends are values that are judged stable, or bounds of the number, or infinite; one may be `AboveZero`.
 
     Args:
         number: with its value and its bounds.
@@ -48,7 +53,7 @@ def stable_interval(number: LawNumber, growth: Growth, deciding: Deciding | None
     """
     search = _Search(number, growth, deciding or (lambda value: growth))  # noqa: ARG005 - all decide
     stable = search.nearest()
-    return None if stable is None else (search.end(stable, -1), search.end(stable, 1))
+    return None if stable is None else (search.inside(stable, -1), search.inside(stable, 1))
 
 
 def _together(values: Sequence[float]) -> Iterator[Sequence[float]]:
@@ -59,13 +64,9 @@ def _together(values: Sequence[float]) -> Iterator[Sequence[float]]:
         first, count = first + count, min(2 * count, _MOST_TOGETHER)
 
 
-def inside_ends(number: LawNumber, ends: Interval) -> list[float]:
-    """Return the values just inside the ends at which something becomes unstable."""
-    return [
-        end if number.whole else end + sign * JUST_INSIDE * abs(end)
-        for end, sign in zip(ends, (1, -1), strict=True)
-        if end not in (number.lowest, number.highest) and not math.isinf(end)
-    ]
+def searched_ends(number: LawNumber, ends: Interval) -> list[float]:
+    """Return the ends beyond which something becomes unstable."""
+    return [end for end in ends if end not in (number.lowest, number.highest) and not math.isinf(end)]
 
 
 @dataclass(frozen=True)
@@ -91,7 +92,16 @@ class _Search:
                 return float(stable[0])
         return None
 
-    def end(self, stable: float, sign: int) -> float:
+    def inside(self, stable: float, sign: int) -> float:
+        """Return the end on a side: just inside a root, or the bound of the number, or infinite."""
+        end = self._end(stable, sign)
+        whole = self.number.whole or end in (0.0, self.number.lowest, self.number.highest) or math.isinf(end)
+        if whole or isinstance(end, AboveZero):
+            return end
+        inside = end - sign * _JUST_INSIDE * abs(end)
+        return inside if (inside - stable) * sign > 0 else stable
+
+    def _end(self, stable: float, sign: int) -> float:
         """Return the last stable value on a side (`sign`); infinite, or the bound of the number, if all are stable."""
         last = stable
         for values in _together(_scan(self.number, stable, sign)):
@@ -103,6 +113,8 @@ class _Search:
             last = values[-1]
         if sign > 0:
             return self.number.highest
+        if self.number.lowest == 0 and self.number.sole:
+            return AboveZero(last)
         return -math.inf if self.number.unlimited_below else self.number.lowest
 
     def _last_count(self, stable: float, unstable: float) -> float:
@@ -115,11 +127,11 @@ class _Search:
     def _edge(self, stable: float, unstable: float) -> float:
         """Return the last stable value between a stable and an unstable one: Brent's root, on its stable side.
 
-        It is 0, where no value above 0 that the scan can tell from it is unstable.
+        It is `AboveZero`, where no value above 0 that the scan can tell from it is unstable.
         """
         precision = _PRECISION * abs(unstable - stable)
         if unstable == 0 and self._stable(_LEAST_END * stable):
-            return unstable
+            return AboveZero(_LEAST_END * stable)
         deciding = self.deciding(unstable)
 
         def decided(value: float) -> float:
@@ -146,17 +158,22 @@ def _scan(number: LawNumber, start: float, sign: int) -> list[float]:
     """
     bound = number.highest if sign > 0 else number.lowest
     factors = np.geomspace(1.0, _REACH, _STEPS + 1)[1:]
+    farther = factors
+    if number.linear and start * sign >= 0:
+        decades = math.log10(_REACH_OF_GAINS) / math.log10(_REACH)
+        farther = np.geomspace(1.0, _REACH_OF_GAINS, round(decades * _STEPS) + 1)[1:]
     if number.whole:
         counts = np.unique(np.round(start * factors**sign))
         between = counts[(counts * sign > start * sign) & (counts * sign < bound * sign)]
         return [*between[::sign].tolist(), *([bound] if start != bound else [])]
     size = abs(start) or abs(number.value)
-    away, back = sign * size * factors, -sign * size / factors
+    away = sign * size * farther
+    back = -sign * size / factors
     if start * sign > 0:
         values = away
     elif start == 0:
-        values = sign * size * np.concatenate([1 / factors[::-1], [1.0], factors])
+        values = sign * size * np.concatenate([1 / factors[::-1], [1.0], farther])
     else:
         values = np.concatenate([back, [0.0], -back[::-1], [sign * size], away])
     inside = [float(value) for value in values if value * sign < bound * sign]
-    return inside if math.isinf(bound) else [*inside, bound]
+    return inside if math.isinf(bound) or (bound == 0 and number.sole) else [*inside, bound]

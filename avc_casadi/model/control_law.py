@@ -239,6 +239,7 @@ class LawNumber:
     """A number of a law: where it stands, its value, and between which values it may lie.
 
     `linear`: every matrix of the law is affine in it. `unlimited_below`: a search ends at the lowest, not the number.
+    `sole`: every other gain is 0, so that with a value of 0 there is no law.
     """
 
     path: NumberPath
@@ -247,6 +248,7 @@ class LawNumber:
     highest: float = math.inf
     linear: bool = False
     unlimited_below: bool = False
+    sole: bool = False
 
     @property
     def key(self) -> str:
@@ -442,8 +444,10 @@ class ControlLaw(t.Table):
     def numbers(self, sample_time_s: float) -> list[LawNumber]:
         """Return its numbers that are not 0, gains first; coefficients of a transfer function are none."""
         signed = ("local_damping_ns_per_m", "virtual_mass_kg")
+        sole = sum(bool(getattr(self, key)) for key in _GAINS) == 1
         gains = [
-            LawNumber((key,), getattr(self, key), -math.inf if key in signed else 0.0, linear=True) for key in _GAINS
+            LawNumber((key,), getattr(self, key), -math.inf if key in signed else 0.0, linear=True, sole=sole)
+            for key in _GAINS
         ]
         if self.friction_compensation is not None:
             force_n = self.friction_compensation.force_n

@@ -6,15 +6,21 @@ import math
 import os
 import shutil
 import textwrap
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from string import Formatter
-from typing import Any, TextIO, get_args
+from typing import TYPE_CHECKING, Any, TextIO, get_args
 
+from avc_casadi._util.open_end import AboveZero
 from avc_casadi._util.text import number, percent, quantity
 from avc_casadi._util.units import LINEAR, Quantity, Units
 
+if TYPE_CHECKING:
+    from avc_casadi._util.arrays import Interval
+
+# Numbers that differ by this share are the same.
+_SAME_NUMBER = 1e-9
 # Ending of keys and unit of each quantity, the longest ending first.
 QUANTITIES: dict[Quantity, tuple[str, str]] = {
     "damping": ("_ns_per_m", "N.s/m"),
@@ -67,20 +73,28 @@ def quantity_of(key: str) -> Quantity:
 
 @dataclass(frozen=True)
 class Value:
-    """A number and what it measures, in SI units of a linear device."""
+    """A number and what it measures, in SI units of a linear device; `how` rounds it up or down where it is printed."""
 
     number: float | None
     quantity: Quantity
     digits: int = 3
+    how: Callable[[float], int] | None = None
 
     @classmethod
     def of(cls, key: str, number: float | None, digits: int = 3) -> Value:
         """Return the value of a key, which measures what its ending says."""
         return cls(number, quantity_of(key), digits)
 
+    @property
+    def printed(self) -> float | None:
+        """The number as it is printed."""
+        if self.number is None or self.how is None:
+            return self.number
+        return _rounded(self.number, self.digits, self.how)
+
     def text(self, units: Units) -> str:
         """Return the number with its unit for a device that slides or turns."""
-        value, unit = self.number, QUANTITIES.get(self.quantity, ("", ""))[1]
+        value, unit = self.printed, QUANTITIES.get(self.quantity, ("", ""))[1]
         if unit:
             return quantity(value, units.unit(unit), self.digits)
         if self.quantity == "share":
@@ -154,6 +168,26 @@ def span(values: Iterable[float | None], of: Quantity) -> tuple[Part, ...]:
     known = [value for value in values if value is not None]
     low, high = min(known), max(known)
     return (Value(low, of),) if low == high else (Value(low, of), "to", Value(high, of))
+
+
+def stable_ends(ends: Interval, of: Quantity, digits: int = 3) -> tuple[Parts, Value]:
+    """Return the ends of a stable interval, rounded into it, so that a value that is typed as printed is stable."""
+    lowest, highest = ends
+    low: Parts = Value(lowest, of, digits, math.ceil)
+    if isinstance(lowest, AboveZero):
+        low = ("above", Value(0.0, of))
+    return low, Value(highest, of, digits, math.floor)
+
+
+def _rounded(value: float, digits: int, how: Callable[[float], int]) -> float:
+    """Return a value with so many significant digits, up or down; a value that has no more of them as it is."""
+    if value == 0 or not math.isfinite(value):
+        return value
+    nearest = float(f"{value:.{digits}g}")
+    if math.isclose(nearest, value, rel_tol=_SAME_NUMBER):
+        return nearest
+    power = digits - 1 - math.floor(math.log10(abs(value)))
+    return float(f"{how(value * 10.0**power)}e{-power}")
 
 
 @dataclass(frozen=True)

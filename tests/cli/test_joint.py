@@ -20,7 +20,7 @@ def test_its_rows_are_of_no_hand_and_no_wall(joint, capsys):
     assert main(["certify", joint, "--kp", "5000", "--kd", "18.97"]) == 0
     text = capsys.readouterr().out
     assert all(label in text for label in ("Stable", "Damping ratio", "Stable kp", "Stable kd", "Largest step"))
-    assert "0 N.m/rad to 8.068 kN.m/rad" in text
+    assert "0 N.m/rad to 8.067 kN.m/rad" in text
     assert not any(word in text for word in ("hand", "wall", "released", "device"))
 
 

@@ -33,7 +33,7 @@ from avc_casadi.model.admittance import (
 )
 from avc_casadi.model.sensed import SensorProblem
 from avc_casadi.model.table import shown as as_in_file
-from avc_casadi.present.row import Answer, Mark, Part, Row, Value, caution, commas, grade, parts, row, span
+from avc_casadi.present.row import Answer, Mark, Part, Row, Value, caution, commas, grade, parts, row, span, stable_ends
 from avc_casadi.present.rows import subject
 from avc_casadi.recommendation.admittance import AdmittanceRecommendation, BetterDevice
 from avc_casadi.simulation.judge import AT_REST_M_PER_S
@@ -398,10 +398,10 @@ def stretch(stable: Interval | None, of: Quantity) -> tuple[Part, ...]:
     """Return the stable interval of a number."""
     if stable is None:
         return ("none",)
-    low, high = (Value(end, of) for end in stable)
+    low, high = stable_ends(stable, of)
     if math.isinf(stable[1]):
-        return (low, "and more") if stable[0] else ("any",)
-    return (low, "to", high) if stable[0] else ("up to", high)
+        return parts(low, "and more") if stable[0] else ("any",)
+    return parts(low, "to", high) if stable[0] else ("up to", high)
 
 
 def _limits(result: AdmittanceCertificate) -> list[Row]:

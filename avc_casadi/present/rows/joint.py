@@ -8,13 +8,14 @@ from shlex import quote
 
 from avc_casadi._util.arrays import Interval
 from avc_casadi._util.json_values import plain
+from avc_casadi._util.open_end import AboveZero
 from avc_casadi.claims.joint import JointCertificate
 from avc_casadi.files.joint_model import ModelledJoint
 from avc_casadi.loops.joint import JointGains
 from avc_casadi.loops.margins import LEAST_DISK
 from avc_casadi.model.ends import LIGHTEST_TOOL_KG, LONGEST_STEP_S
 from avc_casadi.model.problem import Problem
-from avc_casadi.present.row import Answer, Mark, Part, Row, Value, caution, commas, grade, parts, row, span
+from avc_casadi.present.row import Answer, Mark, Part, Row, Value, caution, commas, grade, parts, row, span, stable_ends
 from avc_casadi.present.rows import subject
 from avc_casadi.present.rows.reasons import sentence
 from avc_casadi.recommendation.joint import DAMPING_RATIO, NO_JOINT_GAINS, JointDesign, JointRecommendation
@@ -43,7 +44,7 @@ def certificate(result: JointCertificate, shown: str = "") -> Answer:
         row("Damping ratio", ratio),
         row("Worst case", _joint(result.worst)),
         row("Stable kp", _stretch(result.stiffness_n_per_m, "stiffness", math.inf), "at this kd"),
-        row("Stable kd", _stable_dampers(result), "at this kp"),
+        row("Stable kd", _stretch(result.damping_ns_per_m, "damping", math.inf), "at this kp"),
         row("Largest step", _largest_step(result)),
         row("Least mass", _least_mass(result)),
         *subject.unusual(problem),
@@ -85,17 +86,10 @@ def _joint(values: Mapping[str, float]) -> tuple[Part, ...]:
 def _stretch(ends: Interval | None, of: str, highest: float) -> tuple[Part, ...]:
     if ends is None:
         return ("none",)
-    low, high = ends
-    return (_value(low, of), "and more") if high >= highest else (_value(low, of), "to", _value(high, of))
-
-
-def _stable_dampers(result: JointCertificate) -> tuple[Part, ...]:
-    """Return the stable kd; an interval that begins at 0 is open there where no kd at all is not stable."""
-    ends = result.damping_ns_per_m
-    if ends is None or ends[0] > 0 or not result.needs_damper:
-        return _stretch(ends, "damping", math.inf)
-    low, high = (_value(end, "damping") for end in ends)
-    return ("above", low) if math.isinf(ends[1]) else ("above", low, "up to", high)
+    low, high = stable_ends(ends, "stiffness" if of == "stiffness" else "damping", 4)
+    if ends[1] < highest:
+        return parts(low, "to", high)
+    return parts(low) if isinstance(ends[0], AboveZero) else parts(low, "and more")
 
 
 def _value(number: float, of: str) -> Value:

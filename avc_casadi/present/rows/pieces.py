@@ -17,7 +17,20 @@ from avc_casadi.model.control_law import (
     WindowVelocity,
 )
 from avc_casadi.model.problem import Problem
-from avc_casadi.present.row import Mark, Part, Parts, Row, Value, caution, commas, grade, parts, quantity_of, row, span
+from avc_casadi.present.row import (
+    Mark,
+    Part,
+    Parts,
+    Row,
+    Value,
+    caution,
+    commas,
+    grade,
+    parts,
+    quantity_of,
+    row,
+    stable_ends,
+)
 
 GAINS = {
     "stiffness_n_per_m": "k",
@@ -138,12 +151,12 @@ def _stretch(key: str, ends: Interval | None) -> tuple[Part, ...]:
     """Return an interval; one without an end says so."""
     if ends is None:
         return ("none, with the other values unchanged",)
-    low, high = (Value(end, quantity_of(key)) for end in ends)
+    low, high = stable_ends(ends, quantity_of(key))
     if math.isinf(ends[0]) and math.isinf(ends[1]):
         return ("any",)
     if math.isinf(ends[1]):
-        return (low, "or more")
-    return ("up to", high) if math.isinf(ends[0]) else (low, "to", high)
+        return parts(low, "or more")
+    return parts("up to", high) if math.isinf(ends[0]) else parts(low, "to", high)
 
 
 def law_limits(result: LawCertificate) -> list[Row]:
@@ -153,7 +166,7 @@ def law_limits(result: LawCertificate) -> list[Row]:
     largest, allowed = result.largest_stiffness_n_per_m, result.damping_range_ns_per_m
     limits_of = [
         row("Largest k", Value(largest, "stiffness") if largest else "none", "at this b"),
-        row("Stable b", "none" if allowed is None else span(allowed, "damping"), "at this k"),
+        row("Stable b", "none" if allowed is None else _stretch("damping_ns_per_m", allowed), "at this k"),
     ]
     if not result.limited:
         limits_of = [row("Limits", "not computed")]
