@@ -156,6 +156,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         except InputError as error:
             console = Console(as_json=as_json)
             return _refused(console, error)
+        # An option with two names has that which the user typed.
+        typed = {key: option for key, option in getattr(args, "given", {}).items() if option.startswith("--")}
+        args.options = {**args.options, **typed}
         console = Console(as_json=as_json, work=f"avc {arguments[0]}")
         return _answered(args, console, arguments)
     except KeyboardInterrupt:

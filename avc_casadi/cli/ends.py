@@ -27,7 +27,7 @@ from avc_casadi.claims.own_law import valid_law
 from avc_casadi.claims.zwidth import zwidth
 from avc_casadi.cli import arguments as cli
 from avc_casadi.cli.console import Console, output_folder, write_figure
-from avc_casadi.cli.law import hertz
+from avc_casadi.cli.law import TYPED, faults_of_keys, hertz
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.pair_certificate import certify_pair
 from avc_casadi.design.registry import METHODS
@@ -177,7 +177,8 @@ def _law_certified_of_joint(
     of_devices = ("b_p", "cutoff_hz", "ki", "virtual_mass", "notch", "friction_compensation", "lean_on_friction")
     cli.refuse(args, *of_devices, why=_OF_DEVICES)
     velocity = problem.law is not None and "velocity" in problem.law.model_fields_set
-    with console.step("kp and kd of the joint"):
+    typed = {problem.units.key(key): option for option, key in TYPED.items() if option in law}
+    with console.step("kp and kd of the joint"), faults_of_keys(typed):
         result = certify_joint(problem, law.get("k"), law.get("b"), difference=velocity)
     return rows.joint.certificate(result, args.problem)
 

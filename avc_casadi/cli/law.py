@@ -19,9 +19,10 @@ from avc_casadi.model.joint import Joint
 from avc_casadi.model.table import shown
 from avc_casadi.model.unit_text import read_quantity, unit_of_key
 
-_TYPED = {"k": "stiffness_n_per_m", "b": "damping_ns_per_m", "b_p": "local_damping_ns_per_m"}
+TYPED = {"k": "stiffness_n_per_m", "b": "damping_ns_per_m", "b_p": "local_damping_ns_per_m"}
+"""Options that state a gain of any law, and its key."""
 _NUMBERS = {
-    **_TYPED,
+    **TYPED,
     "cutoff_hz": "cutoff_hz",
     "ki": "integral_n_per_m_s",
     "virtual_mass": "virtual_mass_kg",
@@ -84,7 +85,7 @@ def with_pieces(problem: avc.Problem, pieces: dict[str, Any], law: dict[str, flo
     """
     if not isinstance(problem.end, Wall | Joint):
         return problem
-    typed = {key: law[name] for name, key in _TYPED.items() if name in law} if problem.law is None else {}
+    typed = {key: law[name] for name, key in TYPED.items() if name in law} if problem.law is None else {}
     keys = {**typed, **pieces}
     options = {key: option for option, key in _KEYS.items() if key in keys}
     with in_keys_of(problem.units), faults_of_keys(options):

@@ -1,6 +1,7 @@
 """A joint without a device on the command line: its rows, and verbs of devices that refuse it."""
 
 import json
+import pathlib
 
 import pytest
 
@@ -84,10 +85,22 @@ def test_a_joint_without_a_damper_is_marginal_and_has_a_range_of_kd(joint, capsy
         assert "above 0 N.m.s/rad at this kp" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize(
+    ("typed", "named"),
+    [("--kp -3", "--kp"), ("--k=-3", "--k"), ("--kp 3 --kd=-1", "--kd"), ("--kp 3 --b -1", "--b"), ("--kp x", "--kp")],
+)
+def test_an_error_names_the_option_that_was_typed(joint, capsys, typed, named):
+    device = pathlib.Path("device.toml")
+    device.write_text("[device]\nmass_kg = 0.1\ndamping_ns_per_m = 0.8\n")
+    for subject in (joint, str(device)):
+        assert main(["certify", subject, *typed.split()]) == 2
+        assert f" {named}: is " in capsys.readouterr().err
+
+
 def test_errors_of_a_rotary_joint_name_its_own_keys(joint, capsys):
     assert main(["certify", joint, "--kp", "-3"]) == 2
     message = capsys.readouterr().err
-    assert "law.stiffness_nm_per_rad: is -3.0" in message
+    assert "--kp: is -3.0" in message
     assert main(["certify", joint, "--kp", "0"]) == 2
     message = capsys.readouterr().err
     assert "stiffness_nm_per_rad" in message
