@@ -6,7 +6,8 @@ import argparse
 import math
 import os
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
 from shlex import quote
 from tempfile import TemporaryFile
@@ -133,22 +134,58 @@ def plot(subject: str) -> Argument:
     return output("--plot", f"draw {subject} to a .png, .svg or .pdf file", pictures)
 
 
-def positive(text: str) -> float:
-    """Read a finite number above 0."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not (math.isfinite(value) and value > 0):
-        raise argparse.ArgumentTypeError(f"is {text!r}; it must be a finite number above 0")
-    return value
+@dataclass(frozen=True)
+class NumericRange:
+    """Reader of the value of an option: a finite number from the lowest to the highest, both allowed."""
+
+    lowest: float
+    highest: float
+    unit: str = ""
+    whole: bool = False
+
+    def __call__(self, text: str) -> float:
+        """Return the number, or refuse it."""
+        value: float = math.nan
+        with suppress(ValueError):
+            value = int(text) if self.whole and len(text) <= _LONGEST_WHOLE else float(text)
+        # A whole number does not lose digits to a float.
+        if self.lowest <= value <= self.highest and "_" not in text and (not self.whole or isinstance(value, int)):
+            return value
+        kind = "whole" if self.whole else "finite"
+        above = " above 0" if self.lowest > 0 else ""
+        ends = f"{self.lowest:.12g} to {self.highest:.12g} {self.unit}".rstrip()
+        raise argparse.ArgumentTypeError(f"is {text[:_LONGEST_WHOLE]!r}; it must be a {kind} number{above}: {ends}")
 
 
-def positive_int(text: str) -> int:
-    """Read a whole number above 0."""
-    if not (text.isascii() and text.isdigit() and int(text)):
-        raise argparse.ArgumentTypeError(f"is {text!r}; it must be a whole number above 0")
-    return int(text)
+_LONGEST_WHOLE = 30
+"""Characters of a whole number that are read: longer ones are beyond every range."""
+_DAY_S = 86_400.0
+RANGES: dict[str, NumericRange] = {
+    "--baud": NumericRange(1, 12_000_000, "bit/s", whole=True),  # up to that of USB full speed
+    "--energy-j": NumericRange(1e-9, 1e6, "J"),
+    "--force-n": NumericRange(1e-9, 1e6, "N"),
+    "--handle-radius-m": NumericRange(2e-3, 10.0, "m"),  # as in a file
+    "--hands": NumericRange(1, 100_000_000, whole=True),
+    "--heartbeat": NumericRange(1e-3, 3600.0, "s"),
+    "--port": NumericRange(0, 65_535, whole=True),  # of TCP; 0 takes a free one
+    "--rate-hz": NumericRange(1e-3, 1e3, "Hz"),  # a serial link answers no faster
+    "--sample-time": NumericRange(1e-7, 10.0, "s"),
+    "--seconds": NumericRange(1e-3, _DAY_S, "s"),
+    "--seed": NumericRange(0, 2**63 - 1, whole=True),
+    "--speed-m-per-s": NumericRange(1e-9, 1e4, "m/s"),
+    "--speed-rad-per-s": NumericRange(1e-9, 1e6, "rad/s"),
+    "--tolerance": NumericRange(1e-15, 1.0),
+    "--torque-nm": NumericRange(1e-9, 1e6, "N.m"),
+    "--travel-m": NumericRange(1e-9, 100.0, "m"),
+    "--travel-rad": NumericRange(1e-9, 1e4, "rad"),
+    "--workers": NumericRange(1, 1024, whole=True),
+}
+"""Ranges of the options that take a number. What a file may state too has the range of the file."""
+
+
+def numeric(name: str, text: str, **options: Any) -> Argument:
+    """Return an option that takes a number of its range."""
+    return argument(name, type=RANGES[name], text=text, **options)
 
 
 PROBLEM = argument("problem", metavar="P", text="problem file, or name of a built-in problem (avc list)")
@@ -159,14 +196,14 @@ UNSAFE = flag("--unsafe", "accept a coupling that is not deployable; the output 
 DEFAULT_BAUD = 115200
 """Rate of a serial port unless another is given, bit/s."""
 _BAUD = f"set the baud rate of the serial port (default: {DEFAULT_BAUD})"
-BAUD = argument("--baud", type=positive_int, default=DEFAULT_BAUD, metavar="N", text=_BAUD)
+BAUD = numeric("--baud", _BAUD, default=DEFAULT_BAUD, metavar="N")
 _PORT = "choose the serial port, or `emulator` (the firmware with a simulated device)"
 PORT = (argument("--port", required=True, metavar="PORT", text=_PORT), BAUD)
 _MOTION = "choose the motion of the device: linear (m, N; default) or rotary (rad, N.m)"
 MOTION = argument("--motion", choices=("linear", "rotary"), default="linear", metavar="KIND", text=_MOTION)
 _SCHEDULER = "use the Dask cluster at this address instead, such as tcp://host:8786"
 WORKERS = (
-    argument("--workers", type=positive_int, metavar="N", text="set the number of processes (default: all processors)"),
+    numeric("--workers", "set the number of processes (default: all processors)", metavar="N"),
     argument("--scheduler", metavar="ADDRESS", text=_SCHEDULER),
 )
 
@@ -188,11 +225,9 @@ LOGS = (
     argument("log", metavar="LOG", nargs="+", text="log file with one recording: .csv, .txt, .npz or .mat (v5)"),
     argument("--columns", action="append", default=[], metavar="Q=C", text=_COLUMNS),
     argument("--units", action="append", default=[], metavar="Q=U", text=_UNITS),
-    argument(
-        "--sample-time", type=positive, metavar="S", text="set the sample time in s of logs without a time column"
-    ),
+    numeric("--sample-time", "set the sample time in s of logs without a time column", metavar="S"),
     flag("--flip-force", _FLIP),
-    argument("--handle-radius-m", type=positive, metavar="R", text=_HANDLE),
+    numeric("--handle-radius-m", _HANDLE, metavar="R"),
 )
 
 
@@ -200,8 +235,8 @@ def turning(key: str, metavar: str, text: str) -> tuple[Argument, ...]:
     """Return an option of a linear device, and that of a rotary one; the help lists both in one entry."""
     option, rotary = (f"--{name.replace('_', '-')}" for name in (key, ROTARY.key(key)))
     return (
-        argument(option, type=positive, metavar=metavar, text=f"{text}; rotary: {rotary}"),
-        argument(rotary, type=positive, metavar=metavar, text=argparse.SUPPRESS),
+        numeric(option, f"{text}; rotary: {rotary}", metavar=metavar),
+        numeric(rotary, argparse.SUPPRESS, metavar=metavar),
     )
 
 

@@ -176,7 +176,7 @@ def in_the_loop(coupling: Coupling) -> ReportedTrial | NotTried:
     cli.argument("subject", metavar="SUBJECT", text="device, problem or coupling file (adds estimator and guard)"),
     cli.argument("--board", required=True, metavar="BOARD", text=_BOARD),
     cli.argument("--out", required=True, metavar="DIR", text="write the .elf, .bin and .hex files to this folder"),
-    cli.argument("--baud", type=cli.positive_int, metavar="N", text=_FIRMWARE_BAUD),
+    cli.numeric("--baud", _FIRMWARE_BAUD, metavar="N"),
 )
 def run_firmware(args: argparse.Namespace, console: Console) -> Answer:
     """Build firmware with the sample time, encoder and force limit of a device.
@@ -228,8 +228,8 @@ _STREAM_SHOWN_EVERY_S = 0.5
 @cli.verb(
     cli.argument("subject", metavar="COUPLING", text="coupling file; or a problem: its coupling is found first"),
     *cli.PORT,
-    cli.argument("--rate-hz", type=cli.positive, default=50.0, metavar="HZ", text=_STREAM_RATE),
-    cli.argument("--seconds", type=cli.positive, default=5.0, metavar="S", text="set the duration in s (default: 5)"),
+    cli.numeric("--rate-hz", _STREAM_RATE, default=50.0, metavar="HZ"),
+    cli.numeric("--seconds", "set the duration in s (default: 5)", default=5.0, metavar="S"),
     cli.UNSAFE,
 )
 def run_stream(args: argparse.Namespace, console: Console) -> Answer:
@@ -294,17 +294,9 @@ _HEARTBEAT = "send a heartbeat; the force ends if none arrives for S seconds (de
 
 @cli.verb(
     *cli.PORT,
-    cli.argument("--rate-hz", type=cli.positive, default=5.0, metavar="HZ", text=_RATE),
-    cli.argument("--seconds", type=cli.positive, metavar="S", text=_SECONDS),
-    cli.argument(
-        "--heartbeat",
-        dest="heartbeat_s",
-        type=cli.positive,
-        nargs="?",
-        const=0.5,
-        metavar="S",
-        text=_HEARTBEAT,
-    ),
+    cli.numeric("--rate-hz", _RATE, default=5.0, metavar="HZ"),
+    cli.numeric("--seconds", _SECONDS, metavar="S"),
+    cli.numeric("--heartbeat", _HEARTBEAT, dest="heartbeat_s", nargs="?", const=0.5, metavar="S"),
     cli.output("--out", "log every record to this .csv file", {".csv": (FileKind.LOG,)}),
     cli.MOTION,
 )
@@ -454,7 +446,7 @@ def _state(sample: avc_hardware.TelemetrySample, faults: str) -> tuple[Part, ...
     cli.flag("--clear", "print the latched faults and clear them; exit code 1 if one remains"),
     *cli.turning("force_n", "N", "limit the force in N (a higher limit waits for free space)"),
     *cli.turning("speed_m_per_s", "V", "limit the speed in m/s (more latches a fault)"),
-    cli.argument("--energy-j", type=cli.positive, metavar="E", text=_ENERGY),
+    cli.numeric("--energy-j", _ENERGY, metavar="E"),
     cli.MOTION,
 )
 def run_device(args: argparse.Namespace, console: Console) -> Answer:

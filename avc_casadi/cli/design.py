@@ -218,7 +218,7 @@ def _at_tip(new: NewProblem, model: str | None, tip: str | None) -> NewProblem:
     cli.flag("--lean-on-friction", "accept couplings that need the declared dry friction to settle"),
     cli.flag("--prove", "prove the chosen coupling as `avc certify --prove` does; may take minutes"),
     cli.flag("--trade-off", "list the impedance error at several disk margins"),
-    cli.argument("--hands", type=cli.positive_int, metavar="N", text=_HANDS),
+    cli.numeric("--hands", _HANDS, metavar="N"),
     cli.argument("--frequency", metavar="F", text='choose kp of a simulated joint for this frequency ("10 Hz")'),
     cli.VERBOSE,
 )
@@ -258,7 +258,7 @@ def _is_pair(problem: avc.Problem) -> bool:
     cli.PROBLEM,
     cli.argument("--method", metavar="NAME", text=f"choose {methods_help()} (default: direct)"),
     cli.argument("--solver", metavar="NAME", text=_SOLVER),
-    cli.argument("--tolerance", type=float, metavar="TOL", text="set the tolerance of the solver"),
+    cli.numeric("--tolerance", "set the tolerance of the solver", metavar="TOL"),
     cli.flag("--as-printed", "use the closed form with the paper's errors; -v lists them"),
     cli.output(
         "--out",

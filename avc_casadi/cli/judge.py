@@ -87,7 +87,7 @@ def run_certify(args: argparse.Namespace, console: Console) -> Answer:
     cli.argument("problem", metavar="P", text="problem file or name; or a coupling file"),
     cli.argument("--gains", metavar="GAINS", text="use this coupling or table instead of the scene's coupling"),
     cli.argument("--against", metavar="C1,C2", text="compare with up to 3: none (no coupling), or names of methods"),
-    cli.argument("--seed", type=int, default=0, metavar="S", text="set the seed of random noise (default: 0)"),
+    cli.numeric("--seed", "set the seed of random noise (default: 0)", default=0, metavar="S"),
     cli.output(
         "--trace", "write all signals to this .npz file, with a .json description", {".npz": (FileKind.ARRAYS,)}
     ),
@@ -110,8 +110,8 @@ def run_simulate(args: argparse.Namespace, console: Console) -> Answer:
 
 @cli.verb(
     cli.argument("coupling", metavar="COUPLING", text="coupling file (`avc recommend P --out`), or problem with [law]"),
-    cli.argument("--hands", type=cli.positive_int, metavar="N", text="set the number (default: 10000; 200 for a law)"),
-    cli.argument("--seed", type=int, default=0, metavar="S", text="set the seed of the random hands (default: 0)"),
+    cli.numeric("--hands", "set the number (default: 10000; 200 for a law)", metavar="N"),
+    cli.numeric("--seed", "set the seed of the random hands (default: 0)", default=0, metavar="S"),
     cli.flag("--without-friction", "ignore the declared dry friction"),
     *cli.WORKERS,
 )

@@ -71,7 +71,7 @@ def run_check(args: argparse.Namespace, console: Console) -> Answer:  # noqa: AR
 
 @cli.verb(
     cli.argument("problem", metavar="P", nargs="?", default="figure5", text="problem file or name (default: figure5)"),
-    cli.argument("--port", type=int, default=0, metavar="N", text="set the port of 127.0.0.1 (default: a free port)"),
+    cli.numeric("--port", "set the port of 127.0.0.1 (default: a free port)", default=0, metavar="N"),
     cli.flag("--open", "open the page in the browser"),
 )
 def run_explore(args: argparse.Namespace, console: Console) -> Answer:
@@ -192,8 +192,8 @@ def run_accuracy(args: argparse.Namespace, console: Console) -> Answer:
 
 
 @cli.verb(
-    cli.argument("--hands", type=cli.positive_int, default=200, metavar="N", text=_HANDS),
-    cli.argument("--seed", type=int, default=2026, metavar="S", text="set the seed of the hands (default: 2026)"),
+    cli.numeric("--hands", _HANDS, default=200, metavar="N"),
+    cli.numeric("--seed", "set the seed of the hands (default: 2026)", default=2026, metavar="S"),
     *cli.WORKERS,
 )
 def run_table1(args: argparse.Namespace, console: Console) -> Answer:

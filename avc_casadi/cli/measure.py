@@ -34,7 +34,7 @@ _DECLARED = "compare the log with this device file, or with a problem file and i
     cli.argument("device", metavar="DEVICE", text=_DEVICE),
     cli.argument("--port", default="emulator", metavar="PORT", text=_PORT),
     cli.argument("--signal", choices=("multisine", "chirp"), default="multisine", metavar="SIGNAL", text=_SIGNAL),
-    cli.argument("--seconds", type=cli.positive, default=10.0, metavar="S", text="set the duration in s (default: 10)"),
+    cli.numeric("--seconds", "set the duration in s (default: 10)", default=10.0, metavar="S"),
     *cli.turning("force_n", "N", "limit the force in N (default: half of the device's)"),
     *cli.turning("speed_m_per_s", "V", "limit the speed in m/s (default: 0.3)"),
     *cli.turning("travel_m", "X", "limit the travel to either side in m (default: 0.02)"),
