@@ -1,10 +1,10 @@
-"""Start and end of the process `avc`: Ctrl-C ends it with 130 and leaves neither a traceback nor a partial answer."""
+"""Start and end of the process `avc`: Ctrl-C and SIGTERM end it with 130 and 143, with no traceback, no half answer."""
 
 import os
 import signal
 import sys
 
-from avc_casadi._util.interrupt import EXIT_CODE, handle_interrupts
+from avc_casadi._util.interrupt import exit_code, handle_interrupts, interrupted
 
 _INTERRUPTED = '{\n "errors": [{"file": "", "line": null, "key": "", "message": "interrupted"}]\n}\n'
 
@@ -25,12 +25,12 @@ def run() -> int:
         (sys.stdout if "--json" in sys.argv else sys.stderr).write(
             _INTERRUPTED if "--json" in sys.argv else "avc: interrupted\n"
         )
-        code = EXIT_CODE
+        code = exit_code()
     else:
         code = main() if sys.stdout else 2  # closed: an answer has no reader
     if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
-    if code == EXIT_CODE:
+    if interrupted() and code == exit_code():
         # After Ctrl-C in code generated from text, as of a dataclass, Python would end by the signal.
         for stream in filter(None, (sys.stdout, sys.stderr)):
             stream.flush()

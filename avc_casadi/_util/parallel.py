@@ -51,6 +51,7 @@ def begin_process(share: int | None = None) -> None:
     if share is not None:
         _share_of_processors = share
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
     threading.Thread(target=_end_after_parent, daemon=True).start()
 
 

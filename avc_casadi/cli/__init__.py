@@ -18,7 +18,7 @@ from typing import Any, NoReturn
 
 from avc_casadi import AvcError, InputError, LinkError, NotDeployableError, PortError, UnsupportedError, __version__
 from avc_casadi._errors import Fault
-from avc_casadi._util.interrupt import EXIT_CODE, interrupted, take_interrupt
+from avc_casadi._util.interrupt import exit_code, interrupted, take_interrupt
 from avc_casadi.cli import deploy, design, judge, look, measure
 from avc_casadi.cli.arguments import VERBS
 from avc_casadi.cli.console import Console, silence
@@ -164,7 +164,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         take_interrupt()
         (console or Console(as_json=as_json)).interrupted()
-        return EXIT_CODE
+        return exit_code()
     except OSError as error:  # of standard output: what else happened has been answered
         silence(1)
         if not isinstance(error, BrokenPipeError):

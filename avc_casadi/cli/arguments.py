@@ -159,7 +159,8 @@ class NumericRange:
 
 _LONGEST_WHOLE = 30
 """Characters of a whole number that are read: longer ones are beyond every range."""
-_DAY_S = 86_400.0
+_LONGEST_RUN_S = 1e6
+"""Longest run of a command on a device, s: eleven days."""
 RANGES: dict[str, NumericRange] = {
     "--baud": NumericRange(1, 12_000_000, "bit/s", whole=True),  # up to that of USB full speed
     "--energy-j": NumericRange(1e-9, 1e6, "J"),
@@ -170,7 +171,7 @@ RANGES: dict[str, NumericRange] = {
     "--port": NumericRange(0, 65_535, whole=True),  # of TCP; 0 takes a free one
     "--rate-hz": NumericRange(1e-3, 1e3, "Hz"),  # a serial link answers no faster
     "--sample-time": NumericRange(1e-7, 10.0, "s"),
-    "--seconds": NumericRange(1e-3, _DAY_S, "s"),
+    "--seconds": NumericRange(1e-3, _LONGEST_RUN_S, "s"),
     "--seed": NumericRange(0, 2**63 - 1, whole=True),
     "--speed-m-per-s": NumericRange(1e-9, 1e4, "m/s"),
     "--speed-rad-per-s": NumericRange(1e-9, 1e6, "rad/s"),

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import avc_casadi as avc
 import avc_hardware
 from avc_casadi._util.files import write_file
-from avc_casadi._util.interrupt import EXIT_CODE, DeferredInterrupt, take_interrupt
+from avc_casadi._util.interrupt import DeferredInterrupt, exit_code, take_interrupt
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.units import units_for
 from avc_casadi.cli import arguments as cli
@@ -275,7 +275,7 @@ def run_stream(args: argparse.Namespace, console: Console) -> Answer:
         streamed = {"problem": coupling.problem.name, "coupling": coupling.id, "sent": sent}
         data: dict[str, Any] = avc.fault_document(avc.InputError.of("interrupted")) | streamed
         after = f"{args.port} returns to its table within {avc_hardware.HOLD_PERIODS / args.rate_hz:.2g} s"
-        return Answer("stream", data, (f"interrupted after {sent} messages; {after}",), code=EXIT_CODE)
+        return Answer("stream", data, (f"interrupted after {sent} messages; {after}",), code=exit_code())
     return rows.deploy.stream(result, deployment, coupling)
 
 
@@ -347,7 +347,9 @@ def run_monitor(args: argparse.Namespace, console: Console) -> Answer:
             interrupted = True
     faults = avc.fault_document(avc.InputError.of("interrupted")) if interrupted else {}
     rows = tuple(_monitor_rows(watched, args.heartbeat_s))
-    return Answer("monitor", faults | watched.document(), rows=rows, units=units, code=EXIT_CODE if interrupted else 0)
+    return Answer(
+        "monitor", faults | watched.document(), rows=rows, units=units, code=exit_code() if interrupted else 0
+    )
 
 
 @dataclass

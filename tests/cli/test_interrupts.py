@@ -79,9 +79,18 @@ def test_interrupt_ends_the_command_and_leaves_no_half_written_file(verb, after_
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("stop", "said"), [(signal.SIGINT, b"avc: interrupted\n"), (signal.SIGKILL, b"")])
-def test_workers_end_with_the_command(stop, said, tmp_path):
+@pytest.mark.parametrize(
+    ("stop", "said", "code"),
+    [
+        (signal.SIGINT, b"avc: interrupted\n", 130),
+        (signal.SIGTERM, b"avc: interrupted\n", 143),
+        (signal.SIGKILL, b"", -signal.SIGKILL),
+    ],
+)
+def test_workers_end_with_the_command(stop, said, code, tmp_path):
+    """The pipes close as the workers have ended; the tracker of semaphores reports none as leaked."""
     process = begun(LONG["table1"], tmp_path)
     wait_until_begun(process, "_casadi", workers=1)
     process.send_signal(stop)
     assert output(process) == (b"", said)
+    assert process.returncode == code
