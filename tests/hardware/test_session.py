@@ -13,6 +13,7 @@ from host_device import HostLink
 from avc_casadi import LinkError
 from avc_hardware import Connection, TableImage
 from avc_hardware.link import messages as m
+from avc_hardware.link.device import DeviceStatus
 from avc_hardware.link.faults import INTERFACE_VERSION, Refusal, RefusalReason
 from avc_hardware.link.frames import Decoder, Frame, encode
 from avc_hardware.link.messages import Kind
@@ -189,3 +190,60 @@ def test_spoilt_table_with_right_frames_is_refused_by_its_checksum() -> None:
     spoilt = bytearray(table.image)
     spoilt[40] ^= 1
     refused_spoilt(bytes(spoilt), 8, table.crc32, "checksum of the table")
+
+
+class ThinkingTwice(HostLink):
+    """A link whose device loses so many answers to messages of a kind, or answers them with a refusal."""
+
+    def __init__(self, core: Any, kind: Kind, times: int, refusal: RefusalReason | None = None) -> None:
+        super().__init__(core)
+        self.kind, self.times, self.refusal = kind, times, refusal
+        self.sent = 0
+        self.refused = b""
+
+    def read(self, timeout_s: float) -> bytes:
+        answer, self.refused = self.refused, b""
+        return answer or super().read(timeout_s)
+
+    def write(self, data: bytes) -> None:
+        frames = [frame for frame in Decoder().feed(data + b"\x00") if frame.type == self.kind]
+        if not frames:
+            super().write(data)
+            return
+        self.sent += 1
+        if self.times == 0:
+            super().write(data)
+            return
+        self.times -= 1
+        if self.refusal is not None:
+            answer = m.words(int(self.refusal), 0)
+            self.refused = encode(Frame(Kind.REFUSED, frames[0].sequence, answer))
+
+
+@pytest.mark.parametrize(("lost", "sent"), [(0, 1), (1, 2), (3, 4), (4, 4)])
+def test_a_message_is_sent_four_times_until_it_is_answered(lost: int, sent: int) -> None:
+    link = ThinkingTwice(host_core(), Kind.STATUS, lost)
+    connection = Connection(link)
+    asked = connection.session.ask(Kind.STATUS, b"", DeviceStatus)
+    if lost < 4:
+        assert isinstance(connection.run(asked), DeviceStatus)
+    else:
+        with pytest.raises(LinkError, match="no answer to STATUS after 4 requests; is the device still connected"):
+            connection.run(asked)
+    assert link.sent == sent
+
+
+@pytest.mark.parametrize(("refused_times", "attempts"), [(0, 1), (1, 2), (4, 5), (5, 5)])
+def test_a_table_is_sent_five_times_until_it_is_taken(refused_times: int, attempts: int) -> None:
+    core = host_core()
+    link = ThinkingTwice(core, Kind.COMMIT, refused_times, RefusalReason.CRC)
+    connection = Connection(link)
+    table = image_of_session(20, seed=3)
+    dialogue = connection.session.push(table, connection.device)
+    if refused_times < 5:
+        assert connection.run(dialogue).attempts == attempts
+        assert core.image() == table.image
+    else:
+        with pytest.raises(LinkError, match="the table was not taken after 5 attempts: the device refused: "):
+            connection.run(dialogue)
+    assert link.sent == attempts
