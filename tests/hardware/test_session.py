@@ -230,6 +230,8 @@ def test_a_message_is_sent_four_times_until_it_is_answered(lost: int, sent: int)
     else:
         with pytest.raises(LinkError, match="no answer to STATUS after 4 requests; is the device still connected"):
             connection.run(asked)
+        # Each wait is longer than that before, and no longer than it says.
+        assert link.now_s() == pytest.approx((1 + 2 + 3 + 4) * connection.session.timeout_s, rel=0.02)
     assert link.sent == sent
 
 

@@ -8,6 +8,7 @@ import pytest
 from engine_simulator import EngineSimulator
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.linalg import expm
 
 import avc_casadi as avc
 from avc_casadi.design.virtual_tool import CouplingSearch, Scale, ToolSearch
@@ -122,6 +123,18 @@ def test_a_coupling_is_stable_while_the_clocks_drift_through_every_phase(ratio, 
     swing = swing_of_drifting_clocks(above, *ends, ratio, how, ppm)
     # A state ahead of its force refutes the phase in which a step falls on a sample, and a drift has no time there.
     assert (swing[-1] > 10 * swing[0]) == (exchange != "ahead")
+
+
+@pytest.mark.parametrize("contact_n_per_m", [1e3, 1e6, 1e9])
+def test_an_exact_step_of_a_stiff_contact_is_the_matrix_exponential(contact_n_per_m):
+    """The halvings of a step grow with the fastest mode of the tool: 900 turns in a step of the stiffest contact."""
+    exact = engine(integrator="exact", contact_stiffness_n_per_m=contact_n_per_m, contact_damping_ns_per_m=2.0)
+    state = tool_states(exact, contact_n_per_m)[-1]
+    loop = EngineLoop(Body.motion_source(T, 1.0), clocks(4 * T, T)[0], exact, [state])
+    rate = np.array([[0.0, 1.0], [-contact_n_per_m / 0.2, -2.0 / 0.2]])
+    np.testing.assert_allclose(
+        loop.alone()[0] / [[1, 1e-4], [1e4, 1]], expm(rate * 4 * T) / [[1, 1e-4], [1e4, 1]], atol=1e-6
+    )
 
 
 def test_steps_that_the_devices_loop_starts_are_whole_samples_and_begin_at_one():
