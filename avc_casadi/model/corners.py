@@ -89,7 +89,7 @@ def linear_values(device: Device) -> dict[str, float]:
 
 
 class Robustness(Table):
-    """Required margins: errors of [device] and unmodelled effects, with each of which all hands must settle."""
+    """Required margins: with these errors of [device] and unmodelled effects all hands must settle."""
 
     mass_share: MassShare | None = None
     dropped_share: Share | None = None

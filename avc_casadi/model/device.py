@@ -18,7 +18,7 @@ _Width = Annotated[float, BeforeValidator(q.Quantity("", 1e-2, 1, zero=False))]
 
 
 class Detent(t.Table):
-    """Valleys at equal distances: F = force sin(2 pi u/width), u from the nearest valley, as a share of the pitch."""
+    """Detents at equal distances: F = force sin(2 pi u/width), at u from the nearest valley, a share of the pitch."""
 
     force_n: q.ForceLimit
     pitch_m: _Pitch
@@ -85,7 +85,7 @@ class DeviceRange(t.Table):
 
 
 class Device(HandledDevice):
-    """The haptic device; 0 and None mean absent."""
+    """The haptic device; an effect with the value 0 or None is absent."""
 
     # A rotary device has kg.m2 in masses, N.m in forces, rad in lengths.
     mass_kg: q.Mass

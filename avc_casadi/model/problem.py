@@ -40,7 +40,7 @@ class Impedance(t.Table):
 
 
 class Boundaries(t.Table):
-    """The range of realistic impedance; its mean is the desired impedance   (10)."""
+    """The range of impedance that feels real; the mean of the range is the desired impedance, equation (10)."""
 
     upper: Impedance
     lower: Impedance
@@ -54,7 +54,7 @@ class Boundaries(t.Table):
 
 
 class GainBox(t.Table):
-    """Structure of the coupling, its law at a one-sided wall, and the box of admissible gains."""
+    """Structure of the coupling, its contact law at a one-sided wall, and the range of allowed gains."""
 
     structure: Structure = "series"
     # clip-last: max(0, y) of the force y to an environment on both sides; gated: y of the penetration, inside alone.
@@ -72,7 +72,7 @@ class GainBox(t.Table):
 
 
 class Stability(t.Table):
-    """What the gains must meet, (12): with which hold, at which frequencies, with which margin on Re Z_h."""
+    """The condition (12) on the gains: with which hold, at which frequencies, with which margin on Re Z_h."""
 
     model: Model = "paper"
     scope: Scope = "pointwise"
@@ -81,7 +81,7 @@ class Stability(t.Table):
 
 
 class Realism(t.Table):
-    """The error that is minimised, the just-noticeable difference, and a requirement on every row of gains."""
+    """The impedance error to minimise, the just-noticeable difference, and a requirement on every row of gains."""
 
     objective: Objective = "magnitude"
     jnd: q.Threshold = 0.10
@@ -89,7 +89,7 @@ class Realism(t.Table):
 
 
 class ScheduleSettings(t.Table):
-    """Smoothness of the joint schedule over ln(frequency), and the terms of its cost."""
+    """Smoothness of the gains of the method `schedule` over ln(frequency), and the terms of the cost."""
 
     slope_penalty: q.Weight = 1e-3
     slope_limit: q.Slope | None = None
@@ -99,7 +99,7 @@ class ScheduleSettings(t.Table):
 
 
 class Hands(t.Table):
-    """The range of hands, each value [lowest, highest]; `avc` uses its corners and random hands inside it."""
+    """The range of hands, each value [lowest, highest]; `avc` uses extreme and random hands of this range."""
 
     mass_kg: q.Pair[q.Mass] = (0.05, 0.3)
     damping_ns_per_m: q.Pair[q.Damping] = (3.0, 20.0)
@@ -112,7 +112,7 @@ _LEAST_STEP = 1e-12
 
 
 class Frequency(t.Table):
-    """The frequencies of interaction: a range, or the list `values_hz` in its place."""
+    """The frequencies of the hand's motion: a range, or the list `values_hz` instead."""
 
     start_hz: q.Hertz = 1.0
     stop_hz: q.Hertz = 450.0

@@ -140,8 +140,8 @@ def key_tables() -> str:
         parts.append(f"### [{name}]\n\n{said.replace('|', chr(92) + '|')}.\n\n{table(_HEAD, left)}")
         if name == "device":
             parts[-1] += (
-                "\n\nState all three keys of a table `resonance`, or leave the table out. `range` states how well each "
-                "value is known."
+                "\n\nState all three keys of a table `resonance`, or leave the table out. The table `range` states "
+                "how well each value of the device is known."
             )
         choices: dict[str, list[type[BaseModel]]] = {}
         if name == "scene":
