@@ -25,7 +25,7 @@ from avc_casadi.diagnose.remedies import LoggedScene, Remedy, remedies_of, witho
 from avc_casadi.diagnose.rest import below_limit, rests, toggles_by_a_step
 from avc_casadi.diagnose.should_run import RunComparison, compared_with
 from avc_casadi.diagnose.words import CAUSES, cause_numbers
-from avc_casadi.diagnose.work import work_w
+from avc_casadi.diagnose.work import drives_from_outside
 from avc_casadi.identification.log import Columns, allowed_sign, require_radius, require_radius_of
 from avc_casadi.identification.read import Layout, read_columns
 from avc_casadi.model.device import Device
@@ -431,9 +431,9 @@ def _judge(diagnosis: Diagnosis, law: FittedLaw, fits: Sequence[PlantFit]) -> Di
     doubts = _doubts(first, fit, law, scene, diagnosis, shares)
     if not swings:
         doubts.append("simulated with these numbers the loop does not swing as the log does")
-    outside = work_w(log, swing, fit.best) < 0 and swing.steps > FEW_STEPS
+    outside = drives_from_outside(log, swing, law, fit.best) if swing.steps > FEW_STEPS else ""
     if outside:
-        doubts.append("the force as it acts takes energy from the swing: a hand, the table or a machine drives it")
+        doubts.append(outside)
     candidates: tuple[str, ...] = ()
     if shares.get(OTHER, 0.0) < _SURE:
         candidates = tuple(key for key in shares if key != OTHER)[:2]

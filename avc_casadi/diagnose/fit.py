@@ -67,8 +67,6 @@ _MODE_MASS_RATIOS = (0.1, 0.9)
 _MOST_DAMPING_RATIO = 0.5
 """Largest damping ratio of a resonance that is drawn."""
 
-# Windows and residuals.
-
 _SLOWER_THAN_SWING = 3
 """Frequency of the swing, per frequency up to which motion is slow."""
 
@@ -298,6 +296,9 @@ class _Structure:
         if not self.hand:
             pushes = (np.ones(n), np.arange(n) / n)
             columns.append(np.stack([motion.response(motion.new + motion.old, push) for push in pushes], axis=1))
+        if not use.any():
+            # Stops that leave no motion at all.
+            return np.full(1, np.ptp(window.position))
         basis = np.concatenate(columns, axis=1)[use]
         basis = np.where(np.abs(basis) < 1e-60, 0.0, basis)
         size = np.sqrt(np.mean(basis**2, axis=0))
@@ -306,7 +307,7 @@ class _Structure:
         upright, spare = np.linalg.qr(basis)[0], unforced.size - basis.shape[1]
         if spare < basis.shape[1]:
             # Stops that leave hardly any motion explain all of it.
-            return np.full(max(unforced.size, 1), np.ptp(window.position))
+            return np.full(unforced.size, np.ptp(window.position))
         return np.asarray(unforced - upright @ (upright.T @ unforced)) * math.sqrt(unforced.size / spare)
 
     def _forced(self, motion: SampledMotion, window: Window) -> FloatArray:

@@ -1,4 +1,4 @@
-"""The work of the force on the motor: a force that takes energy from an oscillation does not cause it."""
+"""What drives a swing from outside: a force that takes energy from it, or a steady swing that nothing limits."""
 
 from __future__ import annotations
 
@@ -7,10 +7,44 @@ import math
 
 import numpy as np
 
+from avc_casadi.diagnose.law import FittedLaw
 from avc_casadi.diagnose.oscillation import Log, Oscillation
 from avc_casadi.diagnose.plant import Hypothesis
 from avc_casadi.model.hands import released_hand
 from avc_casadi.model.plant import DEVICE, sampled_plant
+
+_AT_TOP = 0.999
+"""Share of the largest force, or of the limit, from which on a force is at it."""
+
+_FLAT_TOP_SHARE = 0.1
+"""Share of ticks at the largest force from which on it is a limit; of a sine 3 % are."""
+
+_ALWAYS_TOUCHING = 0.999
+"""Share of ticks in contact from which on a swing never leaves the wall."""
+
+
+def drives_from_outside(log: Log, swing: Oscillation, law: FittedLaw, hypothesis: Hypothesis) -> str:
+    """Return why a hand, the table or a machine drives a swing of more than a few encoder steps; empty where not."""
+    if work_w(log, swing, hypothesis) < 0:
+        return "the force as it acts takes energy from the swing: a hand, the table or a machine drives it"
+    if swing.kind == "limit cycle" and not limited(log, swing, law, hypothesis):
+        return "nothing limits the steady swing, as the loop would have to: a hand, the table or a machine may drive it"
+    return ""
+
+
+def limited(log: Log, swing: Oscillation, law: FittedLaw, hypothesis: Hypothesis) -> bool:
+    """Return whether anything bounds a swing: a force limit, a wall that it leaves, travel stops, or a switched force.
+
+    A linear loop that is unstable grows, and one that is stable decays: it swings steadily at its very limit alone.
+    Friction does not bound a swing either, as its share falls with the size.
+    """
+    if law.switch is not None or hypothesis.stops is not None or swing.contact_share < _ALWAYS_TOUCHING:
+        return True
+    force = np.abs(log.force_n[swing.first : swing.last])
+    largest = float(force.max())
+    limit_n = hypothesis.device.max_force_n
+    at_limit = limit_n is not None and largest >= _AT_TOP * limit_n
+    return at_limit or float(np.mean(force >= _AT_TOP * largest)) > _FLAT_TOP_SHARE
 
 
 def work_w(log: Log, swing: Oscillation, hypothesis: Hypothesis) -> float:

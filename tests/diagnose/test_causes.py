@@ -321,3 +321,22 @@ def test_a_press_that_rests_is_nothing_wrong_and_what_has_no_motion_or_force_is_
         assert diagnose(still, device=declared_of(HEALTHY)).verdict == "cannot tell"
     found = diagnose(Columns("shaken", time, 1e-3 * np.sin(2 * np.pi * 17 * time), 0 * time))
     assert found.verdict == "not the loop"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("kind", "seed", "number"), [("stops", 9108, 144), ("shaken", 31, 8), ("resonance", 31, 21)])
+def test_bounces_and_a_shaken_or_resonating_device_are_told_apart(kind, seed, number):
+    """Bounces were named a resonance, and a device that was shaken, or resonates, a delay."""
+    loop, wrong, log = case(kind, seed, number)
+    found = diagnose(log, device=declared(loop, wrong))
+    assert (found.cause or found.verdict) in {TRUTH.get(kind, kind), "cannot tell"}, found.conclusion
+    assert all(held and free for _, held, free in settled(found, wrong, kind))
+
+
+@pytest.mark.slow
+def test_the_interval_of_a_resonance_contains_it_and_its_notch_settles_in_another_simulator():
+    loop, wrong, log = case("resonance", 31, 30)
+    found = diagnose(log, device=declared(loop, wrong))
+    low_hz, high_hz = found.fit.resonance_hz
+    assert low_hz < wrong.resonance[0] < high_hz < 1.5 * low_hz
+    assert ("notch_hz", True, True) in settled(found, wrong, "resonance")

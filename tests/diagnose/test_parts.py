@@ -16,7 +16,7 @@ from avc_casadi.diagnose.law import find_law
 from avc_casadi.diagnose.oscillation import find_oscillation, log_of
 from avc_casadi.diagnose.plant import Hypothesis, growth
 from avc_casadi.diagnose.steady import levels_off
-from avc_casadi.diagnose.work import work_w
+from avc_casadi.diagnose.work import limited, work_w
 from avc_casadi.identification.log import Columns
 from avc_casadi.model.device import Device
 from avc_casadi.model.hands import Hand
@@ -109,6 +109,20 @@ def test_work_is_that_of_the_force_as_it_acts(delay, feeds):
     late = np.concatenate([np.zeros(int(delay)), force])[: force.size]
     whole = slice(500, 2500)
     assert found == pytest.approx(-np.sum(late[whole] * np.diff(position)[whole]) / 2.0, rel=0.02)
+
+
+@pytest.mark.parametrize(("limit_n", "bounded"), [(None, False), (0.8, True), (5.0, False)])
+def test_a_steady_swing_below_the_force_limit_in_contact_all_the_time_is_not_limited(limit_n, bounded):
+    time = 1e-3 * np.arange(3000)
+    position = 1e-3 * np.sin(2 * np.pi * 20 * time) + 2e-3
+    force = 1000 * position - 2.0
+    force = np.clip(force, -(limit_n or np.inf), limit_n or np.inf)
+    log, _ = log_of(Columns("log", time, position, -force))
+    values = {"mass_kg": 0.1, "damping_ns_per_m": 1.0, "max_force_n": limit_n}
+    device = Device.model_validate({key: value for key, value in values.items() if value is not None})
+    for hypothesis in (Hypothesis(device, None), Hypothesis(device.model_copy(update={"max_force_n": None}), None)):
+        swing = replace(find_oscillation(log, limit_n), contact_share=1.0)
+        assert limited(log, swing, law_of(log, limit_n), hypothesis) == bounded
 
 
 @pytest.mark.parametrize("missed", first([0.2, 0.02, 0.5]))
