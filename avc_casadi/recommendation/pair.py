@@ -57,6 +57,13 @@ Usual design margins lie between 1.5 and 2 (Astrom and Murray, Feedback Systems,
 FEW_HANDS = 16
 """Hands of a first trial, corners included."""
 
+_HALVINGS = 7
+"""How often the stiffness between leader and follower is halved where no hand settles with one near the limit.
+
+What settles may be softer than stable by far: a force that an encoder step makes moves the weakest hand by a step where
+K is above the stiffness of that hand, and the limit does not know of steps.
+"""
+
 
 @dataclass(frozen=True)
 class TeleoperatorCertificate(Document):
@@ -79,11 +86,17 @@ class TeleoperatorCertificate(Document):
 
 @dataclass(frozen=True)
 class TrialPlan:
-    """Stiffnesses that are tried: the first, how many, and the ratio of each to the one before."""
+    """Stiffnesses that are tried: the first, how many, and the ratio of each to the one before; then halves."""
 
     stiffness_n_per_m: float
     count: int
     softer: float
+    halvings: int = 0
+
+    def stiffnesses_n_per_m(self) -> list[float]:
+        """Return all of them, the stiffest first."""
+        near = [self.stiffness_n_per_m * self.softer**number for number in range(self.count)]
+        return near + [near[-1] / 2 ** (number + 1) for number in range(self.halvings)]
 
 
 @dataclass(frozen=True)
@@ -228,10 +241,9 @@ class PairDesign:
         problem, search = self.problem, self.search
         hands = people_of(problem.hands, self.request.hands, self.request.seed)
         first_hands = hands.pick(slice(0, FEW_HANDS))
-        stiffness = plan.stiffness_n_per_m
         leaning: Settled | None = None
         stiffer: Unsettled | None = None
-        for number in range(plan.count):
+        for number, stiffness in enumerate(plan.stiffnesses_n_per_m()):
             self._stages.begin(f"hands with K of {quantity(stiffness, problem.units.unit('N/m'))}")
             tries: list[Trial] = []
             for gains in search.damped(stiffness, local=self.local, gain_margin=GAIN_MARGIN):
@@ -249,7 +261,6 @@ class PairDesign:
                 stiffer = Unsettled(stiffness, max(tries, key=lambda trial: float(trial.hand_settles.mean())))
             if leaning is not None and number >= 2:
                 break
-            stiffness *= plan.softer
         return leaning
 
 
@@ -338,7 +349,7 @@ class FollowerDesign(PairDesign):
         if not (self.stiffest.stiffness_n_per_m > 0 or self.local):
             return None
         wanted = self.wanted_n_per_m
-        return TrialPlan(self._first_n_per_m, 5, 0.85) if wanted is None else TrialPlan(wanted, 2, 1.0)
+        return TrialPlan(self._first_n_per_m, 5, 0.85, _HALVINGS) if wanted is None else TrialPlan(wanted, 2, 1.0)
 
     def certificate(self, gains: ToolGains) -> TeleoperatorCertificate:
         """Return stability margins of a spring and dampers, and the passivity margin of the two-port, N.s/m."""

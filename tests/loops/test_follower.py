@@ -154,6 +154,16 @@ def test_recommended_coupling_settles_in_a_plain_simulation(delay, period):
             assert np.abs(np.diff(moved[:, -half_second:], axis=-1)).max() < 5e-3 * period, (row, name)
 
 
+@pytest.mark.slow
+def test_a_coarse_encoder_gets_a_spring_that_is_softer_than_stable_by_far():
+    """Hands settle with no K within a tenth of the limit: each step of 7 mm moves them by more than a step."""
+    stated = problem("mass_kg = 0.3\ndamping_ns_per_m = 1.0\ndelay_samples = 1\ndelay_s = 0.005")
+    coarse = {"damping_ns_per_m": 236.8, "encoder_resolution_m": 0.00712, "max_force_n": 8.0}
+    result = avc.recommend(stated.changed(device=coarse), 2)
+    assert result.deployable
+    assert result.coupling.gains.stiffness_n_per_m < 0.1 * result.pair.stiffest.stiffness_n_per_m
+
+
 def test_drag_of_a_follower_is_what_a_driven_simulation_measures():
     """A leader moved by 1 mm with a free follower: force at that frequency, by a recursion with both clocks in step."""
     k, b, t, n, delay = 1500.0, 10.0, 1e-3, 20000, 5
