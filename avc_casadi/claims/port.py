@@ -155,6 +155,19 @@ class _Aliases:
         return cls(number, weight, last)
 
 
+def _delay(delay_samples: float, aliases: _Aliases, turns: FloatArray) -> ComplexArray:
+    """Return the factor of a delay of d + f samples at turns a sample, (m, 1), and their aliases n, (m, aliases).
+
+    It is exp(-2 pi j (d turns + f (turns + n))). Where f is not 0, the sum over the aliases converges slowly, and the
+    farther half of them fades out.
+    """
+    late = delay_samples % 1
+    factor = np.exp(-2j * np.pi * (int(delay_samples) * turns + late * (turns + aliases.number)))
+    if late:
+        factor *= np.cos(np.pi / 2 * np.clip(2 * np.abs(aliases.number) / aliases.last - 1, 0.0, 1.0)) ** 2
+    return np.asarray(factor)
+
+
 def _alias_sum(mechanics: PortMechanics, aliases: _Aliases, turns: FloatArray, removal: FloatArray) -> HandlePort:
     """Return the port at turns f T, shape (m,), less some damping of the handle at each, summed over the aliases.
 
@@ -174,10 +187,7 @@ def _alias_sum(mechanics: PortMechanics, aliases: _Aliases, turns: FloatArray, r
     damped: BoolArray = np.asarray((left > 0).all(axis=1))
     half = 0.5 / np.where(left > 0, left, 1.0)
     amplifier = mechanics.amplifier(s)
-    late = device.delay_samples % 1
-    delay = np.exp(-2j * np.pi * (int(device.delay_samples) * turns[:, None] + late * alias_turns))
-    if late:
-        delay *= np.cos(np.pi / 2 * np.clip(2 * np.abs(aliases.number) / aliases.last - 1, 0.0, 1.0)) ** 2
+    delay = _delay(device.delay_samples, aliases, turns[:, None])
     force_gain = np.abs(amplifier) ** 2
     drive = np.abs(tau) ** 2 * half
     # U^2 - |X|^2 of the term n = 0 alone, over kappa^2 |A|^2.
@@ -194,9 +204,21 @@ def _alias_sum(mechanics: PortMechanics, aliases: _Aliases, turns: FloatArray, r
     x = kappa * amplifier * delay * centre
     u = kappa * force_gain * drive
     v = kappa * sense
-    x_rest, u_rest, v_rest = (np.sum(term[:, 1:], axis=1) for term in (x, u, v))
+    first_term = kappa[:, 0] ** 2 * force_gain[:, 0] * first_excess
+    return _summed((x, u, v), first_term, turns, damped)
+
+
+def _summed(
+    terms: tuple[ComplexArray, FloatArray, FloatArray], first_excess: FloatArray, turns: FloatArray, damped: BoolArray
+) -> HandlePort:
+    """Return the port of terms x, u and v, (m, aliases): X = sum x, U^2 = sum u sum v, and U^2 - |X|^2.
+
+    `first_excess` is u v - |x|^2 of the first alias alone, which the difference of the sums would cancel.
+    """
+    x, u, v = terms
+    x_rest, u_rest, v_rest = (np.sum(term[:, 1:], axis=1) for term in terms)
     excess = (
-        kappa[:, 0] ** 2 * force_gain[:, 0] * first_excess
+        first_excess
         + u[:, 0] * v_rest
         + v[:, 0] * u_rest
         + u_rest * v_rest
