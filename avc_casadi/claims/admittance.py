@@ -588,10 +588,7 @@ def changes_that_damp(analysis: SensorAnalysis, law: AnyLaw, ways: Iterable[Way]
 
 
 def _refined(margin: Callable[[float], float], thin: float, sound: float) -> float:
-    """Return the value nearest to `thin` whose disk margin is sound, to about a per cent, rounded towards `sound`.
-
-    `margin` gives the disk margin of a value; it is bisected in the logarithm.
-    """
+    """Return the value nearest to `thin` whose disk margin `margin(value)` is sound, to a per cent, by bisection."""
     for _ in range(_REFINEMENTS):
         middle = math.sqrt(thin * sound)
         if margin(middle) >= _SOUND_ROUGHLY:
