@@ -32,12 +32,13 @@ _SOUND_ROUGHLY = 1.02 * SOUND_DISK
 _ON_A_LINE = (0.1, 0.25, 0.5, 0.75, 0.9)
 # How far a line is bent inwards, as the share at its middle of the way from a straight one to a step.
 _BENDS = (0.0, 0.1, 0.3, 1.0)
-_STEP = 2.0
-"""What stands for the bend of a step, and for that of a line that is not drawn."""
-_NOT_DRAWN = 3.0
+_STEP, _SET_BACK, _NOT_DRAWN = 2.0, 3.0, 4.0
+"""What stands for the bend of a step, of one set back inwards, and of a line that is not drawn."""
+_SET_BACK_BY = 1.1
+"""Factor by which a step is set back: an edge may peak between two dampings of about the same masses."""
 _NEAR_A_STEP = 0.02
 """How near to a damping a step is, as a share of the way."""
-# Where a scan met no end, a line is judged up to so many times its last mass: a picture shows no more of it.
+# Where a scan met no end, a line leads to so many times its last mass.
 _BEYOND = 3.0
 # Bisections of the least damping: to a thousandth of it, and masses of a scan about those of the damping above.
 _DAMPING_BISECTIONS = 8
@@ -129,7 +130,8 @@ class MassEdges:
             places = np.array([place for place, _ in refusing])
             rows = np.flatnonzero(np.abs(np.arange(len(self.dampings))[:, None] - places).min(axis=1) <= 1)
         # What no search has confirmed is not drawn.
-        self._held.stable[rows] = self._held.sound[rows] = False
+        open_places = {round(place) for place, _ in self._search(self._at_ends(rows))}
+        self._held.stable[list(open_places)] = self._held.sound[list(open_places)] = False
 
     def edges(self) -> Edges:
         """Return the ends at every damping, and between two of them those of a line that is confirmed."""
@@ -137,7 +139,7 @@ class MassEdges:
         ends = np.array([[span.low, span.high] for span in (self.span(rows, sound=False), self.span(rows, sound=True))])
         lines = _Lines(ends, self.masses, np.zeros(ends[..., 1:].shape))
         refused = np.ones(lines.bends.shape, dtype=bool)
-        for bend in (*_BENDS, _STEP):
+        for bend in (*_BENDS, _STEP, _SET_BACK):
             lines.bends[refused] = bend
             refused = self._refused_between(lines.laws(_ON_A_LINE), refused)
         lines.bends[refused] = _NOT_DRAWN
@@ -267,7 +269,8 @@ class _Lines:
 
     Attributes:
         ends: the least and the largest masses that are stable, and those that are sound, shape (2, 2, dampings).
-        masses: of the scan; masses beyond its first and last stand for ends that it did not meet.
+        masses: of the scan; masses beyond its first and last stand for ends that it did not meet. Laws are judged, and
+            drawn, between these two.
         bends: how far each line is bent inwards, shape (2, 2, dampings - 1): its middle lies this share of the way
             from a straight line to the larger of two least masses, or to the smaller of two largest ones.
     """
@@ -284,16 +287,17 @@ class _Lines:
         middle = 0.5 * (before + after)
         middle += self.bends * (inner - middle)
         bent = before + 2 * share * (middle - before) if share <= 0.5 else middle + (2 * share - 1) * (after - middle)
-        drawn = np.exp(np.where(self.bends == _STEP, inner, bent))
-        same = self.ends[..., :-1] == self.ends[..., 1:]
-        return np.where(same, self.ends[..., :-1], drawn)
+        further = math.log(_SET_BACK_BY) * np.array([1.0, -1.0])[:, None] * (self.bends == _SET_BACK)
+        drawn = np.exp(np.where(self.bends >= _STEP, inner + further, bent))
+        start = self.ends[..., :-1]
+        endless = (start == self.ends[..., 1:]) & ((start == 0) | np.isinf(start))
+        return np.where(endless, start, np.clip(drawn, self.masses[0], self.masses[-1]))
 
     def laws(self, shares: Sequence[float]) -> Laws:
         """Return the laws on lines at shares of the way, shape (2, 2, lines, shares)."""
         masses = np.stack([self.at(share) for share in shares], axis=-1)
         places = np.arange(self.bends.shape[-1], dtype=np.float64)[:, None] + np.array(shares)
-        known = np.clip(masses, self.masses[0] / _BEYOND, self.masses[-1] * _BEYOND)
-        return Laws(known, np.broadcast_to(places, masses.shape))
+        return Laws(np.clip(masses, self.masses[0], self.masses[-1]), np.broadcast_to(places, masses.shape))
 
     def drawn(self) -> tuple[FloatArray, FloatArray]:
         """Return places and ends with those between two dampings where a line is bent, a step or not drawn.

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from avc_casadi._util.arrays import FloatArray
+from avc_casadi._util.arrays import FloatArray, Interval
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.printed import Columns, Tabular, short
 from avc_casadi._util.progress import SILENT, Progress
@@ -42,6 +42,7 @@ class MassWidth(Tabular):
         least_damping_ns_per_m: the least damping with a stable mass; not a number without any.
         least_sound_damping_ns_per_m: the least with a mass of a disk margin of 0.2; not a number without any.
         confirmed_rows: the dampings, by their place, whose masses searches of hands and contacts confirm.
+        scanned_kg: the lightest and the heaviest mass that were tried.
         cutoff_hz: of the low pass of the force; None without one.
         problem: device, hands and contact.
 
@@ -59,6 +60,7 @@ class MassWidth(Tabular):
     least_damping_ns_per_m: float
     least_sound_damping_ns_per_m: float
     confirmed_rows: tuple[int, ...]
+    scanned_kg: Interval
     cutoff_hz: float | None
     problem: AdmittanceProblem
 
@@ -122,6 +124,7 @@ def mass_width(problem: AnyAdmittance, progress: Progress = SILENT) -> MassWidth
         least_damping_ns_per_m=least,
         least_sound_damping_ns_per_m=least_sound,
         confirmed_rows=tuple(shown.tolist()),
+        scanned_kg=(float(edges.masses[0]), float(edges.masses[-1])),
         cutoff_hz=own.cutoff_hz,
         problem=stated,
     )

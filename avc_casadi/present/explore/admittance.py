@@ -159,7 +159,10 @@ def _region(region: MassWidth, laws: Mapping[str, VirtualImpedance]) -> dict[str
     ]
     edges = np.concatenate([region.least_kg, region.sound_least_kg, region.largest_kg, [p["y"] for p in points]])
     known = edges[np.isfinite(edges) & (edges > 0)]
-    low, high = (known.min() / _VIEW, known.max() * _VIEW) if known.size else (0.1, 10.0)
+    # Beyond the masses that were tried nothing is known.
+    low, high = region.scanned_kg
+    if known.size:
+        low, high = max(known.min() / _VIEW, low), min(known.max() * _VIEW, high)
     lines = [
         line("lightest stable", "without", damping, np.maximum(region.least_kg, low)),
         line("heaviest stable", "desired", damping, np.where(region.largest_kg < high, region.largest_kg, np.nan)),

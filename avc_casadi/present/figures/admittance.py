@@ -21,15 +21,17 @@ def draw_mass_width(region: MassWidth) -> Figure:
     unit = region.units.unit
     damping = region.damping_ns_per_m
     low, high = _view(region)
+    # Beyond the masses that were tried nothing is known.
+    lightest, heaviest = max(low, region.scanned_kg[0]), min(high, region.scanned_kg[1])
     for least, largest, label, colour, alpha in (
         (region.least_kg, region.largest_kg, "stable with every hand and contact", style.ORANGE, 0.16),
         (region.sound_least_kg, region.sound_largest_kg, "with a disk margin of 0.2", style.BLUE, 0.30),
     ):
-        bottom, top = np.clip(least, low, high), np.clip(largest, low, high)
+        bottom, top = np.clip(least, lightest, heaviest), np.clip(largest, lightest, heaviest)
         inside = np.isfinite(least)
         plane.fill_between(damping, bottom, top, where=inside, color=colour, alpha=alpha, label=label, linewidth=0)
-        plane.plot(damping, np.where(least > low, least, np.nan), color=colour, linewidth=1.6)
-        plane.plot(damping, np.where(largest < high, largest, np.nan), color=colour, linewidth=1.6)
+        plane.plot(damping, np.where(least > lightest, least, np.nan), color=colour, linewidth=1.6)
+        plane.plot(damping, np.where(largest < heaviest, largest, np.nan), color=colour, linewidth=1.6)
     law = region.problem.law.admittance if region.problem.law else None
     if law is not None:
         name = f"law: {quantity(law.mass_kg, unit('kg'))}, {quantity(law.damping_ns_per_m, unit('N.s/m'))}"

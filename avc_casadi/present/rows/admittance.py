@@ -232,7 +232,7 @@ def recommendation(result: AdmittanceRecommendation, shown: str = "", written: s
         data=result.document(),
         title=parts(shown, device_line(problem.device)),
         rows=tuple(rows),
-        commands=(*onwards, f"avc zwidth {quote(shown)} --plot region.png"),
+        commands=(*onwards, f"avc zwidth {quote(written or shown)} --plot region.png"),
         units=problem.units,
         complaint="" if result.passed else f"avc: {shown}: no law to run",
     )
