@@ -127,7 +127,7 @@ def engine_port(device: Device, hands: Hands, tool: Simulation, gains: ToolGains
     family = PlantFamily.between(device, hands)
     if tool.integrator == "exact" or tool.substeps > 1:
         why = "passivity at the engine's port is not computed for exact integration or for several substeps"
-        raise UnsupportedError(f"{why}; stability is judged in another claim", key="simulation.integrator")
+        raise UnsupportedError(f"{why}; the claim of stability is separate", key="simulation.integrator")
     plant = family.sampled
     lowest_of_steps = []
     for step_s in sorted(set(tool.step_s)):
@@ -135,7 +135,7 @@ def engine_port(device: Device, hands: Hands, tool: Simulation, gains: ToolGains
         if any(len(timing.samples) > 1 for timing in timings):
             raise UnsupportedError(
                 f"passivity at the engine's port is computed for steps of whole samples (T = {t:g} s) only, not for "
-                f"{step_s:g} s; stability is judged in another claim",
+                f"{step_s:g} s; the claim of stability is separate",
                 key="simulation.step_s",
             )
         lowest_of_steps += [(_Port(plant, timing, tool, gains).lowest(), step_s) for timing in timings]

@@ -85,7 +85,7 @@ def law_region(problem: AnyProblem, over: str, progress: Progress = SILENT) -> L
     if law is None:
         named = stated.name or "it"
         raise UnsupportedError(
-            f"{named} has no table [law], and --over is a number of it; state your controller", key="law"
+            f"{named} has no table [law], but --over names a number of [law]; state your controller", key="law"
         )
     numbers = law.numbers(period_s)
     first = _named(numbers, over, stated)

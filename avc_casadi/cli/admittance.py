@@ -37,7 +37,9 @@ def certified(args: argparse.Namespace, console: Console) -> Answer:
     pieces = ("b_p", "ki", "velocity", "notch", "friction_compensation")
     others = ("gains", "prove", "proof_out", "lean_on_friction", *pieces)
     if isinstance(problem, avc.ForceFeedbackProblem):
-        cli.refuse(args, *others, *_LAW, why="is no option of a device with a force sensor; state its law in [law]")
+        cli.refuse(
+            args, *others, *_LAW, why="does not apply to a device with a force sensor; state the device's law in [law]"
+        )
         with console.step("force feedback"):
             return rows.force_feedback.certificate(avc.certify_force_feedback(problem), args.problem)
     cli.refuse(args, *others, why=_OF_FORCES)
@@ -54,7 +56,7 @@ def recommended(args: argparse.Namespace, console: Console) -> Answer:
     refused = "is an option of devices that are commanded a force and have no force sensor; leave it out"
     cli.refuse(args, "stiffest", "lean_on_friction", "prove", "trade_off", why=refused)
     cli.refuse(args, "hands", why="is of simulated hands, which choose no law for a force sensor; leave it out")
-    cli.refuse(args, "frequency", why="is of a joint that an engine moves, and P has a device; leave it out")
+    cli.refuse(args, "frequency", why="applies to a joint that an engine moves, but P has a device; leave it out")
     if args.out is not None and args.out.suffix.lower() != ".toml":
         raise avc.InputError.of("ends in .json; allowed: .toml, the file of the device with its law", key="out")
     if isinstance(problem, avc.ForceFeedbackProblem):

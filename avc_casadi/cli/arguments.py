@@ -193,7 +193,7 @@ PROBLEM = argument("problem", metavar="P", text="problem file, or name of a buil
 COUPLING = argument("gains", metavar="COUPLING", text="coupling file (.json), or table of gains (.csv) with --problem")
 BESIDE = argument("--problem", metavar="P", text="name the problem that a table of gains (.csv) belongs to")
 VERBOSE = argument("-v", "--verbose", action="store_true", text="print all details and assumptions")
-UNSAFE = flag("--unsafe", "accept a coupling that is not deployable; the output records this")
+UNSAFE = flag("--unsafe", "accept a coupling that is not deployable; the output records --unsafe")
 DEFAULT_BAUD = 115200
 """Rate of a serial port unless another is given, bit/s."""
 _BAUD = f"set the baud rate of the serial port (default: {DEFAULT_BAUD})"
@@ -214,7 +214,11 @@ def executor_of(args: argparse.Namespace) -> AbstractContextManager[Executor | N
     from avc_casadi._util.parallel import cluster
 
     if args.scheduler is not None:
-        refuse(args, "workers", why="is of processes on this machine, and --scheduler uses a cluster; leave one out")
+        refuse(
+            args,
+            "workers",
+            why="sets processes on this computer, but --scheduler uses a cluster; leave one of the two out",
+        )
     return cluster(args.scheduler)
 
 
@@ -327,7 +331,9 @@ def subject(source: str, gains: str | None) -> tuple[avc.Problem, Coupling | Non
 
     if is_coupling(source):
         if gains is not None:
-            raise avc.InputError.of("is a second coupling; give a problem with it, or leave it out", file=gains)
+            raise avc.InputError.of(
+                "is a second coupling; leave it out, or give a problem in place of the first coupling", file=gains
+            )
         coupling = avc.read_coupling(source)
         return coupling.problem, coupling, _notes_on(coupling)
     problem = avc.load_problem(source)

@@ -30,10 +30,10 @@ if TYPE_CHECKING:
 _PARAMETERS = "print the settings of a physics engine instead: mujoco, unity, chai3d, sofa and others"
 _PRECISION = "set the type of numbers in C: single (float, default) or double"
 _NAME = "begin the names of files and C functions with NAME (default: avc_coupling)"
-_BOARD = "choose a built-in board (a wrong name lists them), or the folder of your own (PORTING.md)"
-_FIRMWARE_BAUD = "set the baud rate of the board's serial port (default: 115200); use the same in push"
+_BOARD = "choose a built-in board (a wrong name lists them), or the folder of your own board (PORTING.md)"
+_FIRMWARE_BAUD = "set the baud rate of the board's serial port (default: 115200); use the same rate in push"
 _STREAM_RATE = "set the messages per second, 1 to 100 (default: 50)"
-_ENERGY = "limit the energy in J that the wall may give out within 1 s (more latches a fault)"
+_ENERGY = "limit the energy in J that the wall may give out within 1 s (more energy is a fault)"
 
 
 @cli.verb(
@@ -50,10 +50,10 @@ def run_export(args: argparse.Namespace, console: Console) -> Answer:
     """Export a coupling, or your own law, as C code for your own firmware.
 
     The code is valid C99 and C++11, and runs at the coupling's sample time.
-    For a [simulation] or a [follower] it contains the code of both ends.
+    For a [simulation] or a [follower] the code covers the device and its partner.
     A table [law] of a problem is exported with all its pieces.
     For an admittance device the function takes position and force, and returns the velocity to command.
-    A coupling or law that is not deployable is refused with exit code 1; --unsafe overrides this.
+    A coupling or law that is not deployable is refused (exit code 1); --unsafe overrides the refusal.
     """
     from avc_casadi.cli import ends
     from avc_casadi.cli.law import states_law
@@ -86,7 +86,9 @@ def _law_exported(args: argparse.Namespace, console: Console) -> Answer:
     """Return the answer of `export` of the law of a problem."""
     from avc_hardware.codegen.c_subject import law_subject
 
-    cli.refuse(args, "parameters", why="is of a coupling to a [simulation], and P has a table [law]; for C: --c DIR")
+    cli.refuse(
+        args, "parameters", why="applies to a coupling to a [simulation], but P has a table [law]; export P by --c DIR"
+    )
     problem = avc.load_problem(args.gains)
     paths = _export(problem, args, console)
     subject = law_subject(problem, unsafe=args.unsafe)
@@ -105,7 +107,7 @@ def _export(exported: Coupling | avc.Problem, args: argparse.Namespace, console:
 
 def _admittance_exported(args: argparse.Namespace, console: Console) -> Answer:
     """Return the answer of `export` of the law of an admittance device."""
-    cli.refuse(args, "parameters", "problem", why="applies to couplings, and P is an admittance device; leave it out")
+    cli.refuse(args, "parameters", "problem", why="applies to couplings, but P is an admittance device; leave it out")
     problem = avc.load_admittance(args.gains)
     with console.step("C"):
         files = avc_hardware.admittance_files(problem, precision=args.precision, name=args.name, unsafe=args.unsafe)
@@ -137,8 +139,8 @@ def _write_c(files: Mapping[str, str], args: argparse.Namespace, console: Consol
 def run_push(args: argparse.Namespace, console: Console) -> Answer:
     """Send a coupling to a device that runs the avc firmware, and read it back.
 
-    Gains, wall and limits are exchanged within one tick.
-    A coupling that is not deployable is refused with exit code 1; --unsafe overrides this.
+    The device exchanges gains, wall and limits within one sample.
+    A coupling that is not deployable is refused with exit code 1; --unsafe overrides the refusal.
     `--port emulator` starts a new emulated device, which has the coupling's sample time, encoder
     and force limit. A simulated hand then presses the wall.
     """
@@ -173,7 +175,9 @@ def in_the_loop(coupling: Coupling) -> ReportedTrial | NotTried:
 
 
 @cli.verb(
-    cli.argument("subject", metavar="SUBJECT", text="device, problem or coupling file (adds estimator and guard)"),
+    cli.argument(
+        "subject", metavar="SUBJECT", text="device or problem file, or coupling file (with its estimator and guard)"
+    ),
     cli.argument("--board", required=True, metavar="BOARD", text=_BOARD),
     cli.argument("--out", required=True, metavar="DIR", text="write the .elf, .bin and .hex files to this folder"),
     cli.numeric("--baud", _FIRMWARE_BAUD, metavar="N"),
@@ -226,7 +230,7 @@ _STREAM_SHOWN_EVERY_S = 0.5
 
 
 @cli.verb(
-    cli.argument("subject", metavar="COUPLING", text="coupling file; or a problem: its coupling is found first"),
+    cli.argument("subject", metavar="COUPLING", text="coupling file; or a problem, whose coupling is found first"),
     *cli.PORT,
     cli.numeric("--rate-hz", _STREAM_RATE, default=50.0, metavar="HZ"),
     cli.numeric("--seconds", "set the duration in s (default: 5)", default=5.0, metavar="S"),
@@ -235,7 +239,7 @@ _STREAM_SHOWN_EVERY_S = 0.5
 def run_stream(args: argparse.Namespace, console: Console) -> Answer:
     """Stream gains to a device, for the frequency of motion that the device estimates.
 
-    The table of gains is pushed first: the device returns to it if messages stop.
+    The table of gains is pushed first: the device returns to this table if messages stop.
     Exit code 1 if the device does not run the table at the end.
     """
     from avc_casadi.cli import ends
@@ -304,8 +308,8 @@ def run_monitor(args: argparse.Namespace, console: Console) -> Answer:
     """Monitor a device: print and log its state, and send its heartbeat.
 
     With --heartbeat the device exerts force only while this command runs.
-    When the command ends, the force falls to 0 within 0.1 s; if the connection breaks, after S seconds.
-    The force returns with the next heartbeat or after `avc device --clear`, once out of contact.
+    When monitor ends, the force falls to 0 within 0.1 s; if the connection breaks, after S seconds.
+    Out of contact, the force returns with the next heartbeat or after `avc device --clear`.
     """
     units = units_for(args.motion)
     watched = _Watched(args.port, args.out)
@@ -445,16 +449,17 @@ def _state(sample: avc_hardware.TelemetrySample, faults: str) -> tuple[Part, ...
 
 @cli.verb(
     *cli.PORT,
-    cli.flag("--clear", "print the latched faults and clear them; exit code 1 if one remains"),
-    *cli.turning("force_n", "N", "limit the force in N (a higher limit waits for free space)"),
-    *cli.turning("speed_m_per_s", "V", "limit the speed in m/s (more latches a fault)"),
+    cli.flag("--clear", "print the stored faults and clear them; exit code 1 if a fault remains"),
+    *cli.turning("force_n", "N", "limit the force in N (a higher limit waits until the device is out of contact)"),
+    *cli.turning("speed_m_per_s", "V", "limit the speed in m/s (a higher speed is a fault)"),
     cli.numeric("--energy-j", _ENERGY, metavar="E"),
     cli.MOTION,
 )
 def run_device(args: argparse.Namespace, console: Console) -> Answer:
     """Show or lower the limits of a device, or clear its faults.
 
-    Limits cannot exceed those built into the firmware. They apply until the device restarts.
+    The limits of force, speed and energy cannot exceed those built into the firmware.
+    New limits apply until the device restarts.
     """
     units = units_for(args.motion)
     wanted = cli.of_motion(args, units, "force_n", "speed_m_per_s", "energy_j")

@@ -53,7 +53,7 @@ _RUN_FILES = {
     "compare.json": FileKind.SOLUTION,
 }
 """Files of `avc run` whose names a user may use too, and their kinds."""
-_DRIVE = "choose what is commanded: force or velocity (default: force)"
+_DRIVE = "choose what the device is commanded: force or velocity (default: force)"
 _HELD = f"choose the grip: {', '.join(HOLDS)} (default: grip)"
 
 
@@ -71,7 +71,7 @@ _HELD = f"choose the grip: {', '.join(HOLDS)} (default: grip)"
 def run_new(args: argparse.Namespace, console: Console) -> Answer:
     """Write a problem file from what you know of your device, its wall and its user.
 
-    A value V has a unit, such as '55 um', '1 kHz' or '4096 counts'; without one it is in SI units.
+    A value V has a unit, such as '55 um', '1 kHz' or '4096 counts'; without a unit V is in SI units.
     Options of --drive velocity: --drive-bandwidth, --max-speed, --sensor-stiffness, --handle-mass,
     --sensor-damping-ratio, --sensor-noise, --sensor-resolution, --contact, --contact-damping.
     """
@@ -156,7 +156,7 @@ def _new_joint(args: argparse.Namespace, console: Console) -> Answer:
     of_device = [name for option in EVERY for name in option.names] + ["--like", "--tip"]
     for name in of_device:
         if vars(args)[name[2:].replace("-", "_")] is not None:
-            raise avc.InputError.of("is of a device, and --joint is moved by an engine; leave it out", key=name)
+            raise avc.InputError.of("applies to a device, but an engine moves the --joint; leave it out", key=name)
     if args.model is None:
         raise avc.InputError.of("is missing; allowed: the model of the joint, MJCF or URDF", key="--model")
     joint = modelled_joint(Path(args.model), args.joint)
@@ -216,7 +216,7 @@ def _at_tip(new: NewProblem, model: str | None, tip: str | None) -> NewProblem:
     ),
     cli.flag("--stiffest", _STIFFEST),
     cli.flag("--lean-on-friction", "accept couplings that need the declared dry friction to settle"),
-    cli.flag("--prove", "prove the chosen coupling as `avc certify --prove` does; may take minutes"),
+    cli.flag("--prove", "try to prove that the device comes to rest with the coupling (claim L7); may take minutes"),
     cli.flag("--trade-off", "list the impedance error at several disk margins"),
     cli.numeric("--hands", _HANDS, metavar="N"),
     cli.argument("--frequency", metavar="F", text='choose kp of a simulated joint for this frequency ("10 Hz")'),
@@ -227,11 +227,11 @@ def run_recommend(args: argparse.Namespace, console: Console) -> Answer:
 
     Exit code 1 if no coupling is deployable: linearly stable with every hand of [hands] and with
     the device released.
-    For an admittance device (drive = "velocity") it recommends the virtual mass and damping that need
-    the least force of the hand; --out then writes the problem with this law, as .toml.
-    For a device with force feedback it recommends the largest gain with a disk margin of 0.2.
-    For a joint of a simulated robot (a file with [simulation] and without [device]) it recommends
-    kp and kd.
+    For an admittance device (drive = "velocity") recommend chooses the virtual mass and damping that
+    need the least force of the hand; --out then writes the problem with this law, as .toml.
+    For a device with force feedback recommend chooses the largest gain with a disk margin of 0.2.
+    For a joint of a simulated robot (a file with [simulation] and without [device]) recommend
+    chooses kp and kd.
     """
     from avc_casadi.cli import admittance
     from avc_casadi.files.admittance_file import is_admittance
@@ -259,10 +259,10 @@ def _is_pair(problem: avc.Problem) -> bool:
     cli.argument("--method", metavar="NAME", text=f"choose {methods_help()} (default: direct)"),
     cli.argument("--solver", metavar="NAME", text=_SOLVER),
     cli.numeric("--tolerance", "set the tolerance of the solver", metavar="TOL"),
-    cli.flag("--as-printed", "use the closed form with the paper's errors; -v lists them"),
+    cli.flag("--as-printed", "use the closed form with the paper's errors; -v lists the errors"),
     cli.output(
         "--out",
-        "write everything (.json), or only the table of gains (.csv)",
+        "write the whole result (.json), or only the table of gains (.csv)",
         {".json": (FileKind.COUPLING, FileKind.SOLUTION), ".csv": (FileKind.COUPLING,)},
     ),
     cli.VERBOSE,
@@ -331,8 +331,8 @@ def run_run(args: argparse.Namespace, console: Console) -> Answer:
 
     The recommended coupling, or that of --method, is tried on an emulated device (coupling.json).
     The gains of the paper's problem are for comparison only (gains.json).
-    If no coupling is recommended, coupling.json is missing, also with --unsafe: then add --method.
-    This verb is for walls; for a [simulation] or [follower] use `avc recommend`.
+    If recommend finds no coupling, coupling.json is missing, also with --unsafe: then add --method.
+    `avc run` is for walls; for a [simulation] or [follower] use `avc recommend`.
     """
     from avc_casadi.files.coupling_file import coupling_text
     from avc_casadi.files.problem_file import require_device

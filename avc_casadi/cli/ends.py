@@ -186,7 +186,7 @@ def _law_certified_of_joint(
 @singledispatch
 def recommended(end: End, problem: avc.Problem, args: argparse.Namespace, console: Console) -> Answer:
     """Return the answer of `recommend`."""
-    cli.refuse(args, "frequency", why="is of a joint that an engine moves, and P has a device; leave it out")
+    cli.refuse(args, "frequency", why="applies to a joint that an engine moves, but P has a device; leave it out")
     if not isinstance(end, Wall):
         cli.refuse(args, "stiffest", "lean_on_friction", "prove", "trade_off", why=cli.OF_WALLS)
     options = {"stiffest": args.stiffest, "lean_on_friction": args.lean_on_friction, "prove": args.prove}
@@ -227,7 +227,7 @@ def simulated(end: End, subject: GivenCoupling, args: argparse.Namespace, consol
     problem, notes = require_device(subject.problem), subject.notes
     given: Coupling | GainSchedule | Gains | None = subject.coupling
     if given is None and problem.law is not None:
-        cli.refuse(args, "against", why="compares couplings, and P has a table [law], which runs in their place")
+        cli.refuse(args, "against", why="compares couplings, but P has a table [law], which runs instead of a coupling")
         problem, given = law_scene(problem), NO_COUPLING
     if given is None:
         with console.step(f"coupling: {problem.scene.coupling}"):

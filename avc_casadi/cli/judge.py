@@ -16,7 +16,7 @@ _COUPLING_HANDS = 10_000
 """Hands that try a coupling where no other number is given."""
 _CUTOFF = "set the cutoff of a first-order velocity filter in Hz (default: no filter)"
 _COMPENSATION = 'add a force along the motion: "0.2N", or "0.2N, 0.02m/s" (default: none)'
-_OVER = "show the stable k of [law] over this number, such as velocity.cutoff_hz"
+_OVER = "show the stable spring k of [law] over this number, such as velocity.cutoff_hz"
 _PROVE = "try to prove that the device comes to rest without friction (claim L7)"
 _VELOCITY = 'estimate v by "window 5", "low-pass 80 Hz", "kalman 40 Hz", "ticks 20 ms"'
 
@@ -32,7 +32,7 @@ _VELOCITY = 'estimate v by "window 5", "low-pass 80 Hz", "kalman 40 Hz", "ticks 
     cli.argument("--proof-out", metavar="DIR", text="do --prove, and write proofs and counterexamples to this folder"),
     cli.argument("--k", "--kp", metavar="K", text="set the spring k in N/m or N.m/rad (default: 0)"),
     cli.argument("--b", "--kd", metavar="B", text="set the damper b in N.s/m or N.m.s/rad (default: 0)"),
-    cli.argument("--b-p", metavar="B", text="set the damper b_p, active outside the wall too (default: 0)"),
+    cli.argument("--b-p", metavar="B", text="set the damper b_p, acting outside the wall too (default: 0)"),
     cli.argument("--cutoff-hz", metavar="F", text=_CUTOFF),
     cli.argument("--ki", metavar="KI", text="set the integral gain in N/(m.s) or N.m/(rad.s) (default: 0)"),
     cli.argument("--virtual-mass", metavar="M", text="set the virtual mass in kg or kg.m2 (default: 0)"),
@@ -46,9 +46,9 @@ def run_certify(args: argparse.Namespace, console: Console) -> Answer:
     """Certify a coupling or your own gains: is it deployable, and which claims hold?
 
     Deployable means linearly stable with every hand of [hands] and with the device released, with a
-    sufficient disk margin. Exit code 1 if it is not.
+    sufficient disk margin. Exit code 1 if not deployable.
     Your own gains need no GAINS file: `avc certify P --k "3 kN/m" --b 12` judges the force
-    -(k x + (b + b_p) v). These options replace the wall of P, or single values of its table [law].
+    -(k x + (b + b_p) v). Such options replace the wall of P, or single values of its table [law].
     With a [simulation] or [follower], --k, --b and --b-p set K, B and the damper in the device's loop.
     For an admittance device, --virtual-mass, --b, --k and --cutoff-hz replace values of its law.
     """
@@ -85,7 +85,7 @@ def run_certify(args: argparse.Namespace, console: Console) -> Answer:
 
 @cli.verb(
     cli.argument("problem", metavar="P", text="problem file or name; or a coupling file"),
-    cli.argument("--gains", metavar="GAINS", text="use this coupling or table instead of the scene's coupling"),
+    cli.argument("--gains", metavar="GAINS", text="use this coupling or table of gains instead of the scene's"),
     cli.argument("--against", metavar="C1,C2", text="compare with up to 3: none (no coupling), or names of methods"),
     cli.numeric("--seed", "set the seed of random noise (default: 0)", default=0, metavar="S"),
     cli.output(
@@ -98,8 +98,8 @@ def run_simulate(args: argparse.Namespace, console: Console) -> Answer:
     """Simulate the scene of a problem: does the device settle, and how stiff is the wall?
 
     The scene has the effects that [[scene.effects]] lists.
-    Without such a list it has a hand, the wall and everything that [device] declares.
-    A table [law] runs in place of coupling and wall.
+    Without a list of effects the scene has a hand, the wall and everything that [device] declares.
+    Your own controller, a table [law], runs in place of coupling and wall.
     With -v the answer lists the cost of each effect. Exit code 1 if the device does not settle.
     """
     from avc_casadi.cli import ends
@@ -110,7 +110,7 @@ def run_simulate(args: argparse.Namespace, console: Console) -> Answer:
 
 @cli.verb(
     cli.argument("coupling", metavar="COUPLING", text="coupling file (`avc recommend P --out`), or problem with [law]"),
-    cli.numeric("--hands", "set the number (default: 10000; 200 for a law)", metavar="N"),
+    cli.numeric("--hands", "set the number of hands (default: 10000; law: 200)", metavar="N"),
     cli.numeric("--seed", "set the seed of the random hands (default: 0)", default=0, metavar="S"),
     cli.flag("--without-friction", "ignore the declared dry friction"),
     *cli.WORKERS,
@@ -118,10 +118,12 @@ def run_simulate(args: argparse.Namespace, console: Console) -> Answer:
 def run_trial(args: argparse.Namespace, console: Console) -> Answer:
     """Try a coupling or your own law with many simulated hands, and count how many settle.
 
-    Hands are drawn uniformly from [hands]. Each hand presses, taps and holds the device as declared.
-    The count has an exact confidence interval. A table [law] runs with its nonlinear pieces.
-    With a law, hands press, strike and tap, and the device is released. An integral adds a long press.
-    Friction compensation is also tried with less friction. Exit code 1 if a law does not come to rest.
+    Hands are drawn uniformly from [hands]. Each hand presses, taps and holds the declared device.
+    The count of settled hands has an exact confidence interval.
+    Your own controller, a table [law], runs with its nonlinear pieces. To try a law, hands press,
+    strike and tap, and the device is released. A law with an integral is also tried with a long
+    press, a law with friction compensation also with less friction.
+    Exit code 1 if the device does not come to rest with a law.
     Hands guide, hold and release an admittance device, and push it against its contacts.
     """
     from avc_casadi._util.parallel import processors
@@ -160,15 +162,17 @@ def run_trial(args: argparse.Namespace, console: Console) -> Answer:
 def run_zwidth(args: argparse.Namespace, console: Console) -> Answer:
     """Show which walls the device can render without a coupling (the Z-width).
 
-    For a [simulation]: at which spring K and damper B of the coupling the loop is stable.
+    For a [simulation]: with which spring K and damper B of the coupling the loop is stable.
     For an admittance device (drive = "velocity"): which virtual masses are stable at each damping.
-    With --over: which k of your own [law] are stable at each value of another number.
+    With --over: which spring k of your own [law] is stable at each value of another number.
     """
     from avc_casadi.cli import admittance, ends
     from avc_casadi.files.admittance_file import is_admittance
 
     if is_admittance(args.problem):
-        cli.refuse(args, "over", why="is an option of force devices, and P follows a velocity; leave it out")
+        cli.refuse(
+            args, "over", why="applies to devices with a commanded force, but P follows a velocity; leave it out"
+        )
         return admittance.region(args, console)
     problem = avc.load_problem(args.problem)
     if args.over is not None:

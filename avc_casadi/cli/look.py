@@ -77,8 +77,8 @@ def run_check(args: argparse.Namespace, console: Console) -> Answer:  # noqa: AR
 def run_explore(args: argparse.Namespace, console: Console) -> Answer:
     """Explore a problem in the browser, with sliders for device, wall and hands.
 
-    The page shows how each value changes the coupling. It saves problem and coupling, and shows the
-    equivalent commands. Only this machine can open the page. Stop it with Ctrl-C.
+    The page shows how each value changes the coupling, and shows the equivalent commands.
+    The page saves problem and coupling. Only this computer can open it. Stop the page with Ctrl-C.
     """
     import threading
     import webbrowser
@@ -123,7 +123,7 @@ def run_explore(args: argparse.Namespace, console: Console) -> Answer:
 def run_doctor(args: argparse.Namespace, console: Console) -> Answer:
     """Check the installation: versions, solvers, compilers, serial ports and permissions.
 
-    Each solver of the method `direct` solves a small problem, and its solution is checked.
+    Each solver of the method `direct` solves a small problem, and the solution is checked.
     """
     from avc_casadi.paper.nlp_solver import SOLVERS
 
@@ -179,8 +179,8 @@ def _avc_device(port: str, baud: int) -> AvcDevice:
 def run_accuracy(args: argparse.Namespace, console: Console) -> Answer:
     """Measure time and error of the paper's methods and solvers, over tolerances.
 
-    Tolerances are 1e-2 to 1e-12. An error is the distance to the true optimum, which the method
-    `exact` computes by geometry. This takes about a minute.
+    The tolerances of the solvers are 1e-2 to 1e-12. An error is the distance to the true optimum,
+    which the method `exact` computes by geometry. The command takes about a minute.
     """
     from avc_casadi.design.comparison.accuracy import Accuracy, solver_costs
 
@@ -200,7 +200,7 @@ def run_table1(args: argparse.Namespace, console: Console) -> Answer:
     """Reproduce the paper's Table 1 with simulated hands.
 
     The table shows with which couplings a wall is stable, and which coupling feels most like the wall.
-    Walls VE4 to VE6 are fitted to the paper's column without coupling; all else is predicted.
+    Walls VE4 to VE6 are fitted to the paper's results without coupling; all other values are predicted.
     The command takes about a minute, even with few hands.
     """
     from avc_casadi._util.parallel import processors

@@ -46,9 +46,10 @@ _DECLARED = "compare the log with this device file, or with a problem file and i
 def run_excite(args: argparse.Namespace, console: Console) -> Answer:
     """Excite a device and log its motion for `avc identify`.
 
-    The motion is first simulated for all corners of [device.range]; beyond a limit it is refused.
+    The motion is first simulated for all extreme values of [device.range]; a motion beyond a limit
+    is refused.
     The firmware checks force, speed and travel at every tick, and keeps the device near its start.
-    Do not touch the device during the motion. At the end its force is 0.
+    Do not touch the device during the motion. At the end the device has no force.
     """
     from avc_casadi.identification.excitation import plan_excitation
 
@@ -112,7 +113,7 @@ def run_identify(args: argparse.Namespace, console: Console) -> Answer:
     """Identify a device from logs of time, position and commanded force.
 
     The device file has each value, its source and its 95 % interval.
-    To use it, write device = "device.toml" in a problem file.
+    To use the device file, write device = "device.toml" in a problem file.
     """
     from avc_casadi.identification.device import device_text
     from avc_casadi.identification.identify import identify
@@ -135,7 +136,7 @@ def run_identify(args: argparse.Namespace, console: Console) -> Answer:
 @cli.verb(
     *cli.LOGS,
     cli.argument("--device", metavar="D", text=_DECLARED),
-    cli.argument("--coupling", metavar="FILE", text="compare the log with this coupling file, which should have run"),
+    cli.argument("--coupling", metavar="FILE", text="compare the log with the coupling file that should have run"),
     cli.plot("each log"),
     cli.VERBOSE,
 )
@@ -143,7 +144,7 @@ def run_diagnose(args: argparse.Namespace, console: Console) -> Answer:
     """Diagnose why a device oscillates, from a log.
 
     The answer names the cause, the evidence, and a remedy that was tried in a simulation.
-    Or it says that nothing is wrong. If the log cannot decide, it says which log would decide.
+    Or the answer says that nothing is wrong, or, if the log cannot decide, which log would decide.
     The logs are those that `avc identify` reads.
     """
     from avc_casadi.diagnose.causes import diagnose

@@ -288,7 +288,7 @@ def plan_excitation(
     friction = max(device.coulomb_friction_n for device in devices)
     if steps < _FEWEST_STEPS or plan.peak_force_n < _LEAST_OVER_FRICTION * friction:
         raise InputError.of(
-            f"allow a force of {number(plan.peak_force_n)} only. It moves a device of the ranges by {number(steps)} "
+            f"allow a force of {number(plan.peak_force_n)} only, which moves a device of the ranges by {number(steps)} "
             f"encoder steps (its friction: up to {number(friction)}), too little; allow more force, speed or travel, "
             "or narrow the ranges",
             key="limits",
@@ -348,7 +348,7 @@ class _Limits:
             if not low <= value <= high
         ]
         if math.isinf(force):
-            faults.append(Fault("", None, "force_n", "is missing, and so is device.max_force_n; give one of them"))
+            faults.append(Fault("", None, "force_n", "is missing, and so is device.max_force_n; give one of the two"))
         if device.mass_kg <= 0:
             faults.append(
                 Fault("", None, "device.mass_kg", "is 0; give a value above 0, a guess with a range is enough")

@@ -145,7 +145,7 @@ def _check_pointwise(problem: Problem) -> None:
     if scope != "pointwise" or require != "none":
         realism = "" if require == "none" else f' or realism.require = "{require}"'
         raise UnsupportedError(
-            f"direct solves (11)-(12) at each frequency alone and knows no scope {scope}{realism}: "
+            f"method direct solves each frequency by itself and does not support the scope {scope}{realism}: "
             "use --method schedule"
         )
 

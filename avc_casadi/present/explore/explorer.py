@@ -260,7 +260,7 @@ class Explorer:
         run = self.run(settings)
         label = "Recommendation" if settings.method == "recommend" else settings.method.capitalize()
         if run is None:
-            text = "not computed for these settings yet: press Run"
+            text = "not computed yet for the values of the fields: press Run"
             return Judged(Verdict(Mark.NONE, "press Run"), [row(label, text)])
         if not run.over:
             running = f"running for {time.monotonic() - run.began_s:.0f} s"

@@ -256,7 +256,7 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _part(self, path: str) -> tuple[str, bytes]:
         if path not in PARTS:
-            raise RequestError(404, "this address accepts no questions")
+            raise RequestError(404, "this address accepts no requests")
         document = json.dumps(answer(self.server.explorer, path, self._question()), allow_nan=False)
         return "application/json", document.encode()
 

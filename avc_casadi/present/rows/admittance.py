@@ -136,7 +136,7 @@ def contact_doubts(problem: SensorProblem) -> Iterator[str]:
     """Yield that a handle touches nothing."""
     if not problem.contact.touches:
         key = problem.units.key("contact.stiffness_n_per_m")
-        yield f"{key} is 0: the handle touches nothing, and stiff contacts limit such a law"
+        yield f"{key} is 0: the handle touches nothing; a stiff contact would limit the law"
 
 
 def value_doubts(problem: SensorProblem) -> Iterator[str]:
@@ -381,7 +381,7 @@ def damping_of(result: HandleVerdict, measured: Callable[[str], tuple[str, Quant
     swing = (Value(ratio, "number", 2), "at", Value(hz, "frequency"), f"({_HANDLES[least.handle]}), settles in")
     remedy: tuple[Part, ...] = ()
     if result.damped_by is not None:
-        remedy = ("no single change of law, device, delay or sensor by a factor of 30 damps it",)
+        remedy = ("no single change of law, device, delay or sensor by a factor of 30 damps this swing",)
     if result.damped_by:
         remedy = commas((_damped_by(change, *measured(change.key)) for change in result.damped_by), ";")
     lasts = Value(-math.log(SETTLING_BAND) / decay_per_s, "time")
@@ -418,9 +418,9 @@ def _limits(result: AdmittanceCertificate) -> list[Row]:
 def stiffest(result: HandleVerdict, contact: Contact) -> Row:
     """Return the stiffest contact, which fails where the declared one is stiffer."""
     limit, declared = result.stiffest_contact_n_per_m, contact.stiffest_contact_n_per_m
-    text: tuple[Part, ...] = (Value(limit, "stiffness"), "with every hand and without")
+    text: tuple[Part, ...] = (Value(limit, "stiffness"), "with every hand and without a hand")
     if math.isinf(limit):
-        text = ("no limit: stable against any, with every hand and without",)
+        text = ("no limit: stable against any contact, with every hand and without a hand",)
     elif not limit:
         text = ("none: unstable without a contact",)
     return row("Stiffest contact", text, mark=Mark.FAIL if limit < declared else Mark.NONE)
@@ -429,10 +429,12 @@ def stiffest(result: HandleVerdict, contact: Contact) -> Row:
 def passivity(result: HandlePassivity) -> Row:
     """Return whether a device is passive at its handle, or from which frequency it can feed a hand."""
     if not result.released_stable:
-        return row("Passive", "no: unstable when it is released")
+        return row("Passive", "no: unstable when the device is released")
     if result.passive:
         return row("Passive", "yes, up to half the sample rate")
-    return row("Passive", "no: from", Value(result.from_hz, "frequency"), "on it can feed an unknown hand")
+    return row(
+        "Passive", "no: from", Value(result.from_hz, "frequency"), "on the device can give energy to an unknown hand"
+    )
 
 
 def _noise(result: AdmittanceCertificate) -> Row:
@@ -441,7 +443,10 @@ def _noise(result: AdmittanceCertificate) -> Row:
     moves = speed_at_rest(result.noise_m_per_s, result.drift_m_per_s) > at_rest_m_per_s
     drifts: tuple[Part, ...] = ()
     if result.drift_m_per_s:
-        drifts = ("; with an error of one sensor step it drifts at", Value(_finite(result.drift_m_per_s), "speed"))
+        drifts = (
+            "; with an error of one sensor step the handle drifts at",
+            Value(_finite(result.drift_m_per_s), "speed"),
+        )
     sensor = result.problem.device.force_sensor
     if not sensor.noise_rms_n and not sensor.resolution_n:
         return row("Sensor noise", "not stated: noise_rms_n and resolution_n of the force sensor")
@@ -453,7 +458,7 @@ def _noise(result: AdmittanceCertificate) -> Row:
 
 def _remedies(remedies: tuple[AdmittanceRemedy, ...]) -> tuple[Part, ...]:
     if not remedies:
-        return ("no single change of law, drive, delay or sensor by a factor of 30",)
+        return ("no single change of law, drive, delay or sensor by a factor of 30 helps",)
     return commas(map(_remedy, remedies), ";")
 
 

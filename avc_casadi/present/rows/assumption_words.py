@@ -19,16 +19,16 @@ from avc_casadi.recommendation.assumptions import (
 _SIMPLIFICATIONS = {
     Simplification.LINEAR_HANDS: "hands are linear, on one axis, and do not change while they hold the device",
     Simplification.NO_DETENTS_IN_TRIAL: (
-        "simulated hands feel no detents: the claims cover their slopes, and avc simulate includes them"
+        "simulated hands feel no detents; the claims cover the slopes of detents, and avc simulate includes detents"
     ),
     Simplification.TOOL_FREE_OR_HELD: (
         "the engine's contacts are rigid: the tool moves freely or stands still; for springs state a range of stiffness"
     ),
     Simplification.STEADY_STEPS_OF_RANGE: (
-        "the engine's step is steady: a range of step_s is judged at each steady step in it"
+        "the engine's step is steady: every steady step within the range of step_s is judged"
     ),
     Simplification.STEADY_STEP_OF_LIST: (
-        "the engine's step is steady, any of step_s: steps that vary are in the trial alone"
+        "the engine's step is steady, any of step_s; only simulated hands try steps of varying length"
     ),
     Simplification.ENGINE_CLOCK_OF_ITS_OWN: (
         "the engine has a clock of its own: every phase of its steps against the samples is judged; state "
@@ -37,31 +37,31 @@ _SIMPLIFICATIONS = {
     Simplification.ENGINE_STEPS_OF_DEVICE: (
         "the device's loop starts each step of the engine, at a sample: on a clock of its own less is stable"
     ),
-    Simplification.NO_FRICTION_IN_TRIAL: "simulated hands: neither device has dry friction",
-    Simplification.ANY_CONTACT: "the follower touches anything from nothing to a rigid object",
-    Simplification.CONTACT_DAMPING: "what the follower touches is damped by a tenth of the critical damping",
-    Simplification.EVEN_LINK: "the link is even: no jitter and no lost messages are declared",
+    Simplification.NO_FRICTION_IN_TRIAL: "neither device has dry friction in the simulation of hands",
+    Simplification.ANY_CONTACT: "the follower may touch anything, from nothing to a rigid object",
+    Simplification.CONTACT_DAMPING: "the object that the follower touches has a tenth of the critical damping",
+    Simplification.EVEN_LINK: "the link has no jitter and no lost messages, as none are declared",
 }
 _MISSING = {
     UndeclaredValue.AMPLIFIER_BANDWIDTH: "no amplifier bandwidth is declared: an ideal amplifier is assumed",
     UndeclaredValue.RESONANCE: "no resonance is declared: a rigid structure is assumed",
-    UndeclaredValue.DRY_FRICTION: "no dry friction is declared: 0 is assumed, the cautious value",
+    UndeclaredValue.DRY_FRICTION: "no dry friction is declared: no friction is assumed, the cautious value",
     UndeclaredValue.ENCODER_RESOLUTION: (
         "no encoder resolution is declared: an exact position is assumed, the ideal value"
     ),
     UndeclaredValue.FORCE_LIMIT: "no force limit is declared: an unlimited force is assumed",
 }
 _WHY_UNUSED = {
-    WhyUnused.OF_SOLVE: "of avc solve",
-    WhyUnused.ENCODER_AT_HANDLE: "not seen by an encoder at the handle",
-    WhyUnused.LAW: "avc certify judges it, avc trial, simulate and export run it",
+    WhyUnused.OF_SOLVE: "used by avc solve alone",
+    WhyUnused.ENCODER_AT_HANDLE: "an encoder at the handle does not see it",
+    WhyUnused.LAW: "avc certify judges this law; avc trial, simulate and export run it",
     WhyUnused.SIMULATED_ALONE: "simulated by avc simulate alone",
-    WhyUnused.SIMULATED_AND_RENDERED_ALONE: "known to avc simulate and avc zwidth alone",
-    WhyUnused.OF_WALL: "of a wall in the device's own loop: leave [{end}] out for it",
-    WhyUnused.OF_SCENE: "of avc simulate alone",
-    WhyUnused.OF_SCENE_WITHOUT_END: "of avc simulate, which knows no [{end}]",
-    WhyUnused.NO_SPRING_TOUCHED: "of a contact spring, and there is no such spring",
-    WhyUnused.NO_TOOL: "of a tool, and tool_mass_kg is missing",
+    WhyUnused.SIMULATED_AND_RENDERED_ALONE: "used by avc simulate and avc zwidth alone",
+    WhyUnused.OF_WALL: "used for a wall in the device's own loop; leave [{end}] out to use it",
+    WhyUnused.OF_SCENE: "used by avc simulate alone",
+    WhyUnused.OF_SCENE_WITHOUT_END: "used by avc simulate, which does not support [{end}]",
+    WhyUnused.NO_SPRING_TOUCHED: "used for a contact spring, and the file declares none",
+    WhyUnused.NO_TOOL: "used for a tool, and tool_mass_kg is missing",
     WhyUnused.NOT_OF_TELEOPERATORS: "not simulated with a follower",
 }
 
@@ -85,17 +85,17 @@ def _undeclared(assumption: Undeclared, units: Units) -> tuple[str, ...]:  # noq
 
 @assumption_clauses.register
 def _range_tried(assumption: RangeTried, units: Units) -> tuple[str, ...]:  # noqa: ARG001
-    tried = "trial at nominal"
+    tried = "simulated hands at the nominal value"
     if assumption.devices > 1:
-        tried = f"trial at nominal, and by others at {assumption.devices} devices of the ranges"
+        tried = f"simulated hands at the nominal value, and others on {assumption.devices} devices of the ranges"
     if assumption.linear:
-        return (f"{assumption.key}: linear stability at its corners, {tried}",)
-    return f"{assumption.key}: {tried}", "no part of linear stability"
+        return (f"{assumption.key}: linear stability at the ends of the range, {tried}",)
+    return f"{assumption.key}: {tried}", "not used for linear stability"
 
 
 @assumption_clauses.register
 def _slip(assumption: Slip, units: Units) -> tuple[str, ...]:  # noqa: ARG001
-    return (f"what may be a slip: {assumption.text}",)
+    return (f"a value that may be wrong: {assumption.text}",)
 
 
 def why_unused(unused: Unused) -> str:

@@ -31,9 +31,9 @@ _REMEDIES = {
     ClaimRemedy.RECOMMEND_OR_LESS_MARGIN: ("use `avc recommend P`, soften the wall, or lower [robustness] disk_margin"),
     ClaimRemedy.WITHOUT_FEEDBACK: "use a coupling without state feedback: avc solve P --method static-tuned",
     ClaimRemedy.WITHOUT_REALISM: (
-        "use a softer wall, a shorter sample time, or a method without the realism condition (avc recommend)"
+        "use a softer wall, a shorter sample time, or avc recommend, which does not require [realism]"
     ),
-    ClaimRemedy.LESS_DELAY: "shorten the delay: longer ones are not computed",
+    ClaimRemedy.LESS_DELAY: "shorten the delay: longer delays are not computed",
 }
 
 
@@ -70,7 +70,7 @@ def detent_row_text(claim: DetentClaim, units: Units) -> str:
 def verdict_clauses(verdict: Deployable, units: Units) -> tuple[str, ...]:  # noqa: ARG001
     """Return the verdict on a coupling: which claims fail."""
     if verdict.passed:
-        return ("deployable: linearly stable with every hand of [hands] and released",)
+        return ("deployable: linearly stable with every hand of [hands] and with the device released",)
     first, *more = (claim.sentence for claim in verdict.failed)
     return f"not deployable: {first}", *more
 
@@ -122,22 +122,22 @@ def _stability(claim: StabilityClaim, units: Units) -> str:
 def _hands_of(claim: StabilityClaim) -> str:
     """Return with which hands a stability claim holds."""
     if claim.name in {"let-go", "detent-let-go"}:
-        return "when released"
+        return "with the device released"
     search = "search"
     if claim.corners is not None:
-        search = f"{claim.corners} corners, {DRAWS} draws (seed 0) and a search of the ranges"
+        search = f"{claim.corners} extreme hands, {DRAWS} random hands (seed 0) and a search"
     hands = f"with every hand of [hands] (worst by {search})"
     if claim.name == "dead-zone":
-        return f"{hands}, for any output of the dead zone"
+        return f"{hands}, for any output of the observer's dead zone"
     if claim.name == "clip":
-        return f"{hands} and released, for any clipped share of the force"
+        return f"{hands} and released, for any share of the force that the force limit leaves"
     return hands
 
 
 def _worst_of(claim: StabilityClaim, units: Units) -> str:
     """Return the worst loop: hand, gains, device within its ranges, share of the dead zone or the clip."""
     worst = claim.worst
-    text = f"with {hand_text(worst.hand, units.unit)}" if any(worst.hand.values()) else "when released"
+    text = f"with {hand_text(worst.hand, units.unit)}" if any(worst.hand.values()) else "with the device released"
     if claim.judged > 1:
         text += f" at {claim.frequency_hz:.4g} Hz ({claim.failed} of {claim.judged} gains judged)"
     if claim.ranges:
@@ -146,7 +146,7 @@ def _worst_of(claim: StabilityClaim, units: Units) -> str:
     if claim.name == "dead-zone":
         text += f" where {worst.values['share']:.3g} of the innovation passes the dead zone"
     if claim.name == "clip":
-        text += f" where {worst.values['share']:.3g} of the force is left by its clip"
+        text += f" where the force limit leaves {worst.values['share']:.3g} of the force"
     return text
 
 
@@ -159,14 +159,16 @@ def _detent_fact(claim: DetentClaim, units: Units) -> str:
     """Return what holds in the valleys and at the peaks of detents, where slopes are +-slope_n_per_m, N/m."""
     slope, top = (quantity(sign * claim.slope_n_per_m, units.unit("N/m")) for sign in (1, -1))
     if claim.passed:
-        leaving = f"; the others leave the peak without oscillation, with a time constant of {claim.leaves_s:.3g} s"
+        leaving = (
+            f"; the other hands leave the peak without oscillation, with a time constant of {claim.leaves_s:.3g} s"
+        )
         return (
             f"in a valley, a spring of {slope}, linearly stable with every hand of [hands] and "
             f"released, spectral radius {claim.radius:.6g} at most; at a peak, a spring of {top}: {claim.held} of "
-            f"{claim.hands} hands (or no hand) stay there{'' if claim.held == claim.hands else leaving}"
+            f"{claim.hands} hands (or no hand) stay at the peak{'' if claim.held == claim.hands else leaving}"
         )
     if claim.in_valley:
-        return f"linearly unstable at a peak, a spring of {top}: a device that leaves it oscillates"
+        return f"linearly unstable at a peak, a spring of {top}: a device that leaves the peak oscillates"
     damping = quantity(claim.damping_ns_per_m, units.unit("N.s/m"))
     valley = f"in a valley, a spring of {slope} with {damping}"
     return f"linearly unstable {valley}: spectral radius {claim.radius:.6g}"

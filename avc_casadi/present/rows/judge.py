@@ -217,7 +217,7 @@ def _law_rows(result: LawCertificate) -> list[Row]:
         rows.append(row("Not used", other_end, period, mark=Mark.CAUTION))
     if not sound and result.remedies is not None:
         helps = commas(map(_remedy, result.remedies), ";")
-        rows.append(row("Would help", helps or "no single change of k, b, cutoff (down to 1 %), sample time or delay"))
+        rows.append(row("Would help", helps or "none of k, b, cutoff (down to 1 %), sample time and delay alone"))
     return [*rows, *subject.unusual(problem)]
 
 
@@ -367,7 +367,7 @@ def region(result: ToolRegion, problem: Problem, shown: str = "") -> Answer:
     rows = [_engine_rate(curve, problem) for curve in result.curves]
     if result.not_used:
         unused = ", ".join(map(problem.units.key, result.not_used))
-        rows.append(row("Not used", f"{unused}: of avc simulate alone", mark=Mark.CAUTION))
+        rows.append(row("Not used", f"{unused}: used by avc simulate alone", mark=Mark.CAUTION))
     return subject.answer("zwidth", result.document(), problem, shown, rows, "recommend {} --out coupling.json")
 
 
@@ -387,7 +387,7 @@ def walls(result: ZWidth, shown: str = "") -> Answer:
     rows = [_requested_wall(result)] if wall.stiffness_n_per_m or wall.damping_ns_per_m else []
     of_law = "" if problem.law is None else f"zwidth {{}} --over {pieces.number_over(problem.law, problem)}"
     if of_law:
-        rows.append(row("Not used", "law: these walls are rendered in its place", mark=Mark.CAUTION))
+        rows.append(row("Not used", "law: zwidth judges walls instead of the law", mark=Mark.CAUTION))
     if unused := ", ".join(key for key in result.not_used_keys if key != "law"):
         rows.append(row("Not used", f"{unused}: declared, but not part of these claims", mark=Mark.CAUTION))
     curve_of = result.curve_of

@@ -58,7 +58,7 @@ def _plain_cause(certificate: LawCertificate, units: Units) -> str:
     ranges = ", over [device.range]" if PlantFamily.of(certificate.problem).device_ranges else ""
     late = f"{_late(certificate.problem.device)}{ranges}"
     if beyond.side is LimitSide.NONE_STABLE:
-        return f"no b holds this k {late}"
+        return f"no damper b stabilises this k {late}"
     name, unit = _NAMES[beyond.key]
     value, limit = (quantity(number, units.unit(unit)) for number in (beyond.value, beyond.limit))
     if beyond.side is LimitSide.BELOW:
@@ -86,7 +86,7 @@ def _cause(certificate: LawCertificate, units: Units) -> str:
 def beyond_clauses(beyond: BeyondLimit, units: Units) -> tuple[str, ...]:
     """Return which number of an unstable law is beyond which limit."""
     if beyond.side is LimitSide.NONE_STABLE:
-        return ("no change of a single number of the law is enough",)
+        return ("no change of a single number of the law stabilises the loop",)
     return (_beyond(beyond, units),)
 
 

@@ -65,15 +65,15 @@ class LevelText:
 
 LEVEL_TEXTS = {
     "L0": LevelText(
-        "passive at its own frequency",
+        "passive at each row's own frequency",
         "Re Z_h >= 0 at each row's own frequency, the paper's (12); a table of one row is judged at every frequency of"
         " the problem",
         "other frequencies, although the hand excites them all",
     ),
     "L1": LevelText(
-        "passive in a band about its own frequency",
-        "the same in a band of frequencies about each row's own (`band_factor`)",
-        "the rest of the spectrum",
+        "passive in a band about each row's own frequency",
+        "Re Z_h >= 0 in a band of frequencies about each row's own (`band_factor`)",
+        "frequencies outside the band",
     ),
     "L2": LevelText(
         "passive at all frequencies, paper's hold",
@@ -82,25 +82,26 @@ LEVEL_TEXTS = {
     ),
     "L3": LevelText(
         "passive at all frequencies, sampled-data hold",
-        "as L2, with the sampled-data hold: the exact condition of Colgate and Schenkel",
+        "each frozen row is passive with this wall at every frequency, with the sampled-data hold: the exact condition"
+        " of Colgate and Schenkel",
         "changing gains; friction, encoder, saturation",
     ),
     "L4": LevelText(
-        "Llewellyn, any passive environment",
-        "Llewellyn's (6): passive with any passive wall that the device's own loop computes every T",
-        "what L2 or L3 does not cover, whichever has the problem's hold; an engine's tool, which is not such a wall "
-        "(see the engine's port)",
+        "passive with any passive wall (Llewellyn)",
+        "Llewellyn's condition (6): passive with any passive wall that the device's own loop computes each sample",
+        "what L2 or L3 does not cover, whichever has the problem's hold; the tool of a physics engine (see the "
+        "engine's port)",
     ),
     "L5": LevelText(
-        "linearly stable with a set of hands",
-        "with the gains of any one row, the sampled loop without friction is linearly stable with every hand of the "
-        "ranges; *checked* at the corners, at random hands, and by a search for the worst hand",
-        "passivity; hands outside the ranges; switching",
+        "linearly stable with every hand of the range",
+        "with the gains of any single row, the sampled loop without friction is linearly stable with every hand of the "
+        "range; *checked* with extreme hands, random hands and a search for the worst hand",
+        "passivity; hands outside the range; switching between rows",
     ),
     "L7": LevelText(
         "settles with every hand, making and breaking contact",
-        "each frozen row settles with every hand of the range, for any place of rest and any initial state, making and"
-        " breaking contact, on the device that the claim names (with `--prove`)",
+        "the device settles with each frozen row and every hand of the range, for any place of rest and any initial"
+        " state, making and breaking contact (with `--prove`)",
         "changing gains; friction, encoder; backlash, with which the claim is open",
     ),
 }
@@ -122,40 +123,42 @@ def level_clauses(finding: LevelFinding, units: Units) -> tuple[str, ...]:  # no
 def _passivity_claim(claim: PassivityClaim, units: Units) -> tuple[str, ...]:  # noqa: ARG001
     """Return the claim of a level of passivity: its condition, the hold of the model, and the corners judged."""
     if claim.condition is PassivityCondition.LLEWELLYN:
-        condition = "each frozen row meets Llewellyn's condition (6) for any passive environment"
+        condition = "each row of gains, kept constant, meets Llewellyn's condition (6) for any passive environment"
     elif claim.condition is PassivityCondition.PASSIVE:
-        condition = "each frozen row is passive with this environment at every frequency up to Nyquist"
+        condition = "each row of gains, kept constant, is passive with this wall at every frequency up to Nyquist"
     else:
         condition = f"Re Z_h >= 0 {_band(claim.band)}"
-    text = f"{condition}, under {_HOLDS[claim.hold]}"
+    text = f"{condition}, with {_HOLDS[claim.hold]}"
     if claim.corners is not None:
         text += ", with the device as declared"
     if claim.corners is not None and claim.corners > 1:
-        text += f" at {claim.corners} corners of [device.range]"
+        text += f" at {claim.corners} extreme combinations of [device.range]"
     return (text,)
 
 
 def _band(band: BandOfRows | BandOfOneRow | None) -> str:
     """Return the frequencies of a claim on Re Z_h."""
     if isinstance(band, BandOfOneRow):
-        return f"from {band.low_hz:.4g} to {band.high_hz:.4g} Hz, where the one row runs"
+        return f"from {band.low_hz:.4g} to {band.high_hz:.4g} Hz, where the only row of gains runs"
     if isinstance(band, BandOfRows) and band.factor != 1:
-        return f"from 1/{band.factor:g} to {band.factor:g} times its own frequency for each frozen row"
-    return "at its own frequency for each frozen row"
+        return f"from 1/{band.factor:g} to {band.factor:g} times the frequency of each row of gains"
+    return "at the frequency of each row of gains"
 
 
 @level_clauses.register
 def _hands_claim(claim: HandsClaim, units: Units) -> tuple[str, ...]:  # noqa: ARG001
-    effort = f"{claim.corners} corners, {claim.draws} draws (seed {claim.seed}) and a search of the ranges"
-    stable = f"each frozen row is linearly stable, without friction, with {effort}"
-    return stable, "switching between rows is not covered"
+    effort = f"{claim.corners} extreme hands, {claim.draws} random hands (seed {claim.seed}) and a search of the ranges"
+    stable = f"each row of gains, kept constant, is linearly stable, without friction, with {effort}"
+    return stable, "switching between rows of gains is not covered"
 
 
 @level_clauses.register
 def _observer_claim(claim: ObserverClaim, units: Units) -> tuple[str, ...]:  # noqa: ARG001
-    stable = "the loop with observer and state feedback is linearly stable, with no friction"
+    stable = "the loop with observer and state feedback is linearly stable, without friction"
     hand = "with the worst hand that a search of [hands] found"
-    shares = "whatever share of the innovation passes the dead zone, or of the force its clip"
+    shares = (
+        "for any share of the innovation that passes the dead zone, and any share of the force that the limit leaves"
+    )
     return (f"{stable}, {hand}, {shares}",)
 
 
@@ -170,7 +173,7 @@ def _rows_missing(finding: RowsMissing, units: Units) -> tuple[str, ...]:
 
 
 def _without_gains(rows: int) -> str:
-    return f"{rows} rows have no gains"
+    return f"{rows} rows of the table have no gains"
 
 
 @level_clauses.register
@@ -226,7 +229,7 @@ def _rest(finding: RestFinding, units: Units) -> tuple[str, ...]:  # noqa: ARG00
 @level_clauses.register
 def _not_judged(finding: NotJudged, units: Units) -> tuple[str, ...]:
     fact, *more = refusal_clauses(finding.refusal, units)
-    return f"Not judged: {fact}", *more
+    return fact, *more
 
 
 @singledispatch
@@ -237,7 +240,7 @@ def refusal_clauses(refusal: WhyNotJudged, units: Units) -> tuple[str, ...]:  # 
 
 @refusal_clauses.register
 def _behind_feedback(refusal: BehindFeedback, units: Units) -> tuple[str, ...]:  # noqa: ARG001
-    return ("the level knows gains alone, and these run behind an observer with state feedback",)
+    return ("the claim covers gains alone, and these gains run behind an observer with state feedback",)
 
 
 @refusal_clauses.register
@@ -249,7 +252,7 @@ def _detents_behind_feedback(refusal: DetentsBehindFeedback, units: Units) -> tu
 def _no_proof_with_paper_hold(refusal: NoProofWithPaperHold, units: Units) -> tuple[str, ...]:  # noqa: ARG001
     no_proof = f"{refusal.level} with the paper's hold has no proof on a device with {properties(refusal.properties)}"
     judged_by = 'L3 judges the device as declared, and L4 with stability.model = "sampled-data"'
-    return f"{no_proof}: that hold gives no loop from sample to sample", judged_by
+    return f"{no_proof}: the paper's hold gives no loop from sample to sample", judged_by
 
 
 def properties(of_device: Iterable[NonIdeality]) -> str:
@@ -270,16 +273,16 @@ def _unsupported(refusal: Unsupported, units: Units) -> tuple[str, ...]:  # noqa
 def limit_cycle_clauses(freedom: LimitCycleFreedom, units: Units) -> tuple[str, ...]:  # noqa: ARG001
     """Return the claim of rest with every hand, or why none was tried."""
     if freedom.proof is None:
-        return ("not attempted", "avc recommend P --prove tries it, which takes minutes")
+        return ("no proof attempted", "avc recommend P --prove tries a proof, which takes minutes")
     return (freedom.proof.claim, *(("for the wall alone, without [detent]",) if freedom.without_detents else ()))
 
 
 def pair_clauses(certificate: PairCertificate, units: Units) -> tuple[str, ...]:  # noqa: ARG001
     """Return what the certificate of a pair claims."""
     claim = (
-        "linear stability of the lifted loop: hands of [hands] and the device released, devices, tools, delays, steady "
-        "steps and contacts of their ranges (corners, then a search for the worst point inside), every phase of the "
-        "clocks (at samples alone where the device's loop starts each step of the engine)"
+        "the loop is linearly stable with every hand of [hands] and with the device released, for every device, tool, "
+        "delay, steady step and contact of the declared ranges (extreme values, then a search for the worst), and for "
+        "every phase of the two clocks (at samples alone if the device starts each step)"
     )
     return (claim,)
 
@@ -287,9 +290,10 @@ def pair_clauses(certificate: PairCertificate, units: Units) -> tuple[str, ...]:
 def port_clauses(passivity: PortPassivity, units: Units) -> tuple[str, ...]:  # noqa: ARG001
     """Return what passivity at the engine's port claims."""
     claim = (
-        "the port between engine and coupling is passive, with the extreme hands of [hands] and released: stable with "
-        "any engine that is passive at this port, for any mass and contact of its tool. An engine is passive if it "
-        "solves the tool together with the coupling's force (implicit); an engine that moves a mass explicitly is not"
+        "the port between engine and coupling is passive, with the extreme hands of [hands] and when released: "
+        "the loop is stable with any engine that is passive at this port, for any mass and contact of its tool. An "
+        "engine is passive if it solves the tool together with the coupling's force (implicit); an engine that moves a "
+        "mass explicitly is not passive"
     )
     return (claim,)
 
@@ -298,7 +302,9 @@ def pair_fault_clauses(fault: PairFault, units: Units) -> tuple[str, ...]:  # no
     """Return why a pair should not run on a device."""
     if fault.least_gain_margin is None:
         return ("linearly unstable",)
-    return (f"linearly stable with a gain margin below {fault.least_gain_margin:g}, of K and B or of one motor alone",)
+    return (
+        f"linearly stable, but the gain margin of K and B, or of one motor alone, is below {fault.least_gain_margin:g}",
+    )
 
 
 _WALLS: dict[CurveKey, str] = {
@@ -319,7 +325,7 @@ def wall_claim_clauses(claim: WallClaim, units: Units) -> tuple[str, ...]:  # no
     if claim.filtered:
         text += ", with the velocity filter of the scene"
     if claim.corners > 1:
-        text += f", at {claim.corners} corners of the device"
+        text += f", at {claim.corners} extreme combinations of [device.range]"
     return (text,)
 
 
@@ -327,4 +333,4 @@ def no_wall_proof_clauses(refusal: NoWallProof, units: Units) -> tuple[str, ...]
     """Return why passivity with the paper's hold has no proof."""
     not_known = properties(refusal.properties) or "a velocity filter"
     no_proof = f"passive with the paper's hold: no proof on a device with {not_known}"
-    return (f"{no_proof}, for which that hold gives no loop from sample to sample",)
+    return (f"{no_proof}, for which the paper's hold gives no loop from sample to sample",)

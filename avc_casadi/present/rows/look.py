@@ -54,13 +54,15 @@ class Doubt:
         return f"{self.key} {self.message}"
 
 
-_CONTACT_UNSTABLE = "makes the engine's own contact unstable at this step, whatever the coupling"
+_CONTACT_UNSTABLE = "makes the engine's own contact unstable at its step, whatever the coupling"
 _AHEAD = (
     "is ahead: the device receives a state that is already the result of its force, which acts like a negative damper; "
-    "a damper in the device's loop compensates this. Better send the state with which the step began (on-time)"
+    "a damper in the device's loop compensates it. Better send the state with which the step began (on-time)"
 )
-_EXPLICIT = "is explicit: it adds energy to every oscillation; use semi-implicit if the engine has it"
-_SUBSTEPS = "hold a force for the whole step; compute it in each substep instead, and state that time as step_s"
+_EXPLICIT = "is explicit, which adds energy to every oscillation; use semi-implicit if the engine supports it"
+_SUBSTEPS = (
+    "hold a force for the whole step; compute the force in each substep instead, and state the substep as step_s"
+)
 
 
 @singledispatch
@@ -403,7 +405,10 @@ def table1(result: Table1) -> Answer:
         row("Set A", "mass 0.05 to 0.3 kg, damping 3 to 20 N.s/m, stiffness 200 to 800 N/m"),
         row("Set B", "five-parameter stylus hands within measured ranges"),
         row("Stable", "residual speed below 5 mm/s in press, tap and hold"),
-        row("Nearer", "feels nearer to the ideal wall than the schedule, by a Weber fraction of 0.1; unable: equal"),
+        row(
+            "Nearer",
+            "with which coupling the wall feels nearer to the ideal wall than with schedule (Weber fraction 0.1)",
+        ),
     ]
     return Answer("table1", plain(result), (title,), tuple(rows), whole=True)
 

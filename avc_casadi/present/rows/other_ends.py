@@ -109,14 +109,14 @@ def _two_port(pair: Pair) -> list[Row]:
     if margin >= 0:
         return [row("Passivity", "for any operator and environment", mark=Mark.PASS)]
     needed = Value(pair.passive_damping_ns_per_m, "damping")
-    return [row("Passivity", "not for every operator: this needs", needed, "on each device", mark=Mark.CAUTION)]
+    return [row("Passivity", "not for every operator: passivity needs", needed, "on each device", mark=Mark.CAUTION)]
 
 
 def _pair_limit(recommended: NoPair | PairRecommendation) -> list[Row]:
     """Return the stiffest coupling by linear stability, what would help, and what is declared and not used."""
     stiffest = recommended.pair.stiffest
     dampers = "with a damper in the device's loop" if stiffest.local_damping_ns_per_m else "with K and B alone"
-    limit: Parts = "no K is stable"
+    limit: Parts = "no spring K is stable"
     if stiffest.stiffness_n_per_m:
         limit = ("K", Value(stiffest.stiffness_n_per_m, "stiffness"), dampers)
     changes = [
@@ -146,7 +146,7 @@ def rendered_rows(rendered: RenderedPair) -> list[Row]:
         differs = max(point.free_error or 0.0 for point in points) > 1
         rows.append(row("Free motion", mass, drag, errors, mark=caution(differs)))
     elif first.drag_ns_per_m:
-        drag_everywhere = Value(first.drag_ns_per_m, "damping"), "everywhere, by the device's own dampers"
+        drag_everywhere = Value(first.drag_ns_per_m, "damping"), "everywhere, from the damper in the device's own loop"
         rows.append(row("Drag", drag_everywhere))
     return rows
 
@@ -160,7 +160,9 @@ def _pair_stability(pair: Pair) -> list[Row]:
     """Return that all loops to an end are stable, with their margins, and the least damped of them."""
     steady = pair.mismatch_stable is not False
     return [
-        _stable_loops(pair.loops, "" if steady else "; not on devices 10 % off", grade(steady, Mark.CAUTION)),
+        _stable_loops(
+            pair.loops, "" if steady else "; not on devices whose values are 10 % off", grade(steady, Mark.CAUTION)
+        ),
         _gain_margins(pair.gain_margin, pair.motor_margins),
         *_least_damped(pair.mode),
     ]
@@ -181,7 +183,9 @@ def stability(end: End, certificate: PairCertificate) -> list[Row]:
 
 
 def _stable_loops(loops: int, but: str, mark: Mark) -> Row:
-    return row("Stability", "all", count(loops), "loops: extreme hands, released, clamped", but, mark=mark)
+    return row(
+        "Stability", "all", count(loops), "loops are linearly stable: extreme hands, released, clamped", but, mark=mark
+    )
 
 
 def _gain_margins(gain_margin: float, motor_margins: Sequence[float]) -> Row:

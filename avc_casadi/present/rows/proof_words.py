@@ -73,7 +73,7 @@ def _unstable_in_contact(ground: UnstableInContact, units: Units) -> tuple[str, 
 def _open(ground: Open, units: Units) -> tuple[str, ...]:
     reasons = [_not_covered(nonlinearity, units) for nonlinearity in ground.not_covered]
     if ground.no_multiplier is None:
-        return *reasons, "without that it is proved"
+        return *reasons, "without this effect rest is proved"
     return *reasons, _no_multiplier(ground.no_multiplier)
 
 
@@ -83,7 +83,7 @@ def _not_covered(not_covered: NotCovered, units: Units) -> str:
         return 'contact = "gated" cannot be proved: only "clip-last" is a single nonlinearity with a slope from 0 to 1'
     name = "play" if not_covered.nonlinearity is Nonlinearity.PLAY else "dead zone"
     width = quantity(not_covered.width_m, units.unit("m"))
-    return f"the {name} of {width} is a second nonlinearity, which this proof does not cover"
+    return f"the {name} of {width} is a second nonlinearity, which the proof does not cover"
 
 
 def _no_multiplier(reason: NoMultiplier) -> str:
@@ -97,7 +97,7 @@ def _no_multiplier(reason: NoMultiplier) -> str:
         return f"no multiplier of {reason.number} taps serves all hands"
     if because is NoMultiplierBecause.STOPPED:
         return f"verification stopped after {reason.number} cells"
-    return "the multiplier failed between the hands it was found for, six times over"
+    return "the multiplier failed six times between the hands for which it was found"
 
 
 @ground_clauses.register

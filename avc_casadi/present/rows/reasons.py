@@ -31,13 +31,16 @@ def clauses(reason: object, units: Units) -> tuple[str, ...]:  # noqa: ARG001
 
 @clauses.register
 def _no_mass(reason: reasons.NoMass, units: Units) -> tuple[str, ...]:  # noqa: ARG001
-    fact = "the device has no mass (device.mass_kg is 0): it must be above 0 to judge the released device"
+    fact = "the device has no mass (device.mass_kg is 0); a released device is judged with a mass above 0 only"
     return (fact, "give the moving mass") if reason.to_wall else (fact,)
 
 
 @clauses.register
 def _no_force(reason: reasons.NoForce, units: Units) -> tuple[str, ...]:  # noqa: ARG001
-    return "the wall gives no force: there is nothing to couple to", "give [environment] a stiffness or a damping"
+    return (
+        "the wall gives no force, so there is nothing to couple the device to",
+        "give [environment] a stiffness or a damping",
+    )
 
 
 @clauses.register
@@ -52,7 +55,7 @@ def _damper_too_large(reason: reasons.DamperTooLarge, units: Units) -> tuple[str
     unit = units.unit("N.s/m")
     largest = f"a damper above {quantity(reason.largest_ns_per_m, unit)}"
     required = f"{quantity(reason.damping_ns_per_m, unit)} are required (environment.damping_ns_per_m)"
-    return f"{largest} is not linearly stable with every hand and released, and {required}", "require less"
+    return f"{largest} is not linearly stable with every hand and released, and {required}", "require less damping"
 
 
 @clauses.register
@@ -66,23 +69,27 @@ def _unstable_engine(reason: reasons.UnstableEngine, units: Units) -> tuple[str,
     step, mass = quantity(reason.step_s, "s"), quantity(reason.mass_kg, units.unit("kg"))
     unstable = f"its own contact of {contact} is unstable at a step of {step} with a mass of {mass}"
     fact = f"your engine, not the coupling: {unstable} (dt sqrt(k/m) must stay well below 2)"
-    return fact, "a shorter step, a softer or a rigid contact, a heavier tool, an implicit integrator"
+    return fact, "use a shorter step, a softer or a rigid contact, a heavier tool, or an implicit integrator"
 
 
 @clauses.register
 def _no_joint_gains(reason: reasons.NoJointGains, units: Units) -> tuple[str, ...]:  # noqa: ARG001
-    return (f"no kp has a damping ratio of {reason.damping_ratio:g} and a disk margin of {reason.disk_margin:g}",)
+    margins = f"a damping ratio of {reason.damping_ratio:g} and a disk margin of {reason.disk_margin:g}"
+    return (f"no gain kp of the joint has {margins}",)
 
 
 @clauses.register
 def _no_pair_stable(reason: reasons.NoPairStable, units: Units) -> tuple[str, ...]:  # noqa: ARG001
-    return ("no spring and damper is stable with every hand, released, tool and contact",)
+    return ("no spring and damper is stable with every hand and released, with every tool and contact",)
 
 
 @clauses.register
 def _unstable_stiffness(reason: reasons.UnstableStiffness, units: Units) -> tuple[str, ...]:
     required = f"{quantity(reason.required_n_per_m, units.unit('N/m'))} are required ({reason.end}.stiffness_n_per_m)"
-    return f"{required}, and no damper keeps that stable with every hand and released", "require less"
+    return (
+        f"{required}, and no damper keeps this stiffness stable with every hand and released",
+        "require less stiffness",
+    )
 
 
 @clauses.register
@@ -98,7 +105,7 @@ def _nothing_rendered(reason: reasons.NothingRendered, units: Units) -> tuple[st
         fact = f"one step of {encoder} produces more than {most}"
     elif reason.because is NothingRenderedBecause.PRESSES_SATURATE:
         fact = f"every press ends at {limit}"
-        advice = "check its unit, or state [hands] that press less"
+        advice = "check the unit of the force limit, or state [hands] that press less"
     elif reason.because is NothingRenderedBecause.FRICTION_HOLDS:
         friction = f"dry friction (device.coulomb_friction_n, {reason.friction_n:g} {newton})"
         fact = f"no press ends in contact, because {friction} is as large as {press} or larger"
@@ -113,21 +120,25 @@ def _unmet_requirements(reason: reasons.UnmetRequirements, units: Units) -> tupl
         f"{required.unsettled} of {required.hands} hands do not settle with {required.key} = {required.value}"
         for required in reason.requirements
     )
-    return f"[robustness] is not met beyond [hands]: {first}", *more, "require less, or a softer wall"
+    return (
+        f"[robustness] is not met beyond [hands]: {first}",
+        *more,
+        "require less of [robustness], or use a softer wall",
+    )
 
 
 @clauses.register
 def _strike_unsettled(reason: reasons.StrikeUnsettled, units: Units) -> tuple[str, ...]:  # noqa: ARG001
-    return "an extreme hand of the range does not settle after a strike at 0.3 to 1 m/s", "a softer wall"
+    return "an extreme hand of the range does not settle after a strike at 0.3 to 1 m/s", "use a softer wall"
 
 
 @clauses.register
 def _flaw(reason: reasons.Flaw, units: Units) -> tuple[str, ...]:  # noqa: ARG001
     if reason.kind is FlawKind.BY_FRICTION_ALONE:
-        return ("some hands settle only because of the declared dry friction (--lean-on-friction)",)
+        return ("some simulated hands settle only because of the declared dry friction (--lean-on-friction)",)
     if reason.kind is FlawKind.UNSETTLED:
-        return ("not all hands settle",)
-    return (f"only {reason.quiet} of {reason.hands} hands stay below the vibrotactile threshold",)
+        return ("not all simulated hands settle",)
+    return (f"only {reason.quiet} of {reason.hands} hands feel no vibration",)
 
 
 @clauses.register
@@ -142,15 +153,15 @@ def _none_settles(reason: reasons.NoneSettles, units: Units) -> tuple[str, ...]:
 
 @clauses.register
 def _nearest_to_wall(reason: reasons.NearestToWall, units: Units) -> tuple[str, ...]:
-    why = [f"the closest to the wall, in motion and when released, of {reason.candidates} deployable candidates"]
+    why = [f"of {reason.candidates} deployable candidates, this is closest to the wall, in motion and when released"]
     if reason.by_friction:
-        why.append("some hands settle only because of the declared dry friction")
+        why.append("some simulated hands settle only because of the declared dry friction")
     nearer = reason.nearer
     if nearer is not None:
         error, here = 100 * nearer.error, 100 * nearer.recommended_error
-        errors = f"impedance error without encoder steps {error:.3g} %, here {here:.3g} %"
+        errors = f"impedance error without encoder steps {error:.3g} %, of this coupling {here:.3g} %"
         flaw = "" if nearer.flaw is None else sentence(nearer.flaw, units)
-        why.append(f"with a closer {nearer.method} ({errors}) {flaw}")
+        why.append(f"with a coupling closer to the wall, {nearer.method} ({errors}), {flaw}")
     return tuple(why)
 
 
@@ -168,7 +179,7 @@ def _not_near(reason: reasons.NotNear, units: Units) -> tuple[str, ...]:  # noqa
 @clauses.register
 def _stiffer_wall(reason: reasons.StifferWall, units: Units) -> tuple[str, ...]:
     wall = quantity(reason.wall_n_per_m, units.unit("N/m"))
-    fails = "a coupling as close fails: " if reason.tried else ""
+    fails = "a coupling that renders this wall as well fails: " if reason.tried else ""
     fact, *more = clauses(reason.why, units)
     return f"at {wall} {fails}{fact}", *more
 
@@ -201,10 +212,16 @@ def _unsettled(reason: reasons.Unsettled, units: Units) -> tuple[str, ...]:
 
 @clauses.register
 def _stiffest_settled(reason: reasons.StiffestSettled, units: Units) -> tuple[str, ...]:
-    most = "the requested stiffness" if reason.required else "the stiffest with its margin and all hands settled"
+    most = (
+        "the requested stiffness"
+        if reason.required
+        else "the stiffest coupling that keeps its margin and with which all hands settle"
+    )
     why = [most]
     if reason.low_gain_margin is not None:
-        why.append(f"K and B may be no more than {math.floor(100 * reason.low_gain_margin) / 100:g} times as large")
+        why.append(
+            f"the loop is stable with K and B up to {math.floor(100 * reason.low_gain_margin) / 100:g} times as large"
+        )
     if reason.stiffer is not None:
         why.append(sentence(reason.stiffer, units))
     *facts, last = why
@@ -213,13 +230,13 @@ def _stiffest_settled(reason: reasons.StiffestSettled, units: Units) -> tuple[st
 
 @clauses.register
 def _settled_with_follower(reason: reasons.SettledWithFollower, units: Units) -> tuple[str, ...]:  # noqa: ARG001
-    most = "the stiffest that keeps its margin without local dampers"
+    most = "the stiffest coupling that keeps its margin without dampers in the devices' own loops"
     return (f"{'the requested stiffness' if reason.required else most}, all hands settled",)
 
 
 @clauses.register
 def _no_gain_margin(reason: reasons.NoGainMargin, units: Units) -> tuple[str, ...]:  # noqa: ARG001
-    return ("no damper keeps the gain margins",)
+    return ("with no damper the coupling keeps its gain margins",)
 
 
 @clauses.register
@@ -228,7 +245,7 @@ def _stiffness_not_reached(reason: reasons.StiffnessNotReached, units: Units) ->
     required, stiffest = quantity(reason.required_n_per_m, unit), quantity(reason.stiffest_n_per_m, unit)
     if reason.required_n_per_m > reason.stiffest_n_per_m:
         return (f"{required} is required, but the stiffest stable coupling has {stiffest}",)
-    no_damper = "no damper gives it the gain margins"
+    no_damper = "no damper gives this stiffness the gain margins"
     return (f"{required} is required, and {no_damper}, though a stiffer coupling, {stiffest}, is stable",)
 
 
@@ -243,7 +260,7 @@ def _hands_unsettled(reason: reasons.HandsUnsettled, units: Units) -> tuple[str,
     coupling = "the last coupling" if reason.last is LastTried.ANY else "the softest coupling"
     settle = f"of {trial.hands} simulated hands {trial.settled} settle with {coupling} that was tried"
     motion = trial.hardest_motion
-    hardest = f"hardest for them: {motion}, {int(trial.by_motion[motion].sum())} settle"
+    hardest = f"the hardest motion is {motion}, in which {int(trial.by_motion[motion].sum())} settle"
     if reason.last is not LastTried.SOFTEST_WITHOUT_DAMPING:
         return settle, hardest
     swings = "the follower has no damping of its own, and oscillates for long on a soft spring"
@@ -258,18 +275,18 @@ def _unsettled_with_dropped_steps(reason: reasons.UnsettledWithDroppedSteps, uni
 
 
 CHANGES: dict[Change, str] = {
-    Change.HALF_SAMPLE_TIME: "half the sample time",
-    Change.TWICE_DAMPING: "twice the damping",
-    Change.TWICE_MASS: "twice the mass",
-    Change.NO_DELAY: "no delay",
-    Change.AMPLIFIER_WITHOUT_LAG: "an amplifier without lag",
-    Change.NO_RESONANCE: "no resonance",
-    Change.ENGINE_TWICE_AS_FAST: "an engine twice as fast",
-    Change.FORCE_IN_EACH_SUBSTEP: "the force anew in each substep",
-    Change.STATE_ON_TIME: "the tool's state on time",
-    Change.TOOL_TWICE_AS_HEAVY: "a tool twice as heavy",
-    Change.IMPLICIT_INTEGRATOR: "an implicit integrator",
-    Change.LOCAL_DAMPER: "a damper in the device's own loop",
+    Change.HALF_SAMPLE_TIME: "with half the sample time",
+    Change.TWICE_DAMPING: "with twice the damping",
+    Change.TWICE_MASS: "with twice the mass",
+    Change.NO_DELAY: "without delay",
+    Change.AMPLIFIER_WITHOUT_LAG: "with an amplifier without lag",
+    Change.NO_RESONANCE: "without resonance",
+    Change.ENGINE_TWICE_AS_FAST: "with an engine twice as fast",
+    Change.FORCE_IN_EACH_SUBSTEP: "with a new force in each substep",
+    Change.STATE_ON_TIME: "with exchange on-time",
+    Change.TOOL_TWICE_AS_HEAVY: "with a tool twice as heavy",
+    Change.IMPLICIT_INTEGRATOR: "with an implicit integrator",
+    Change.LOCAL_DAMPER: "with a damper in the device's own loop",
 }
 """Changes that would help, as rows name them."""
 

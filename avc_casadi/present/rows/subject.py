@@ -184,7 +184,7 @@ def passive_limit(limit_n_per_m: float | None) -> Row:
     return row(
         "Passive limit",
         Value(limit_n_per_m, "stiffness"),
-        "is the largest static stiffness of a passive linear rendering",
+        "is the largest static stiffness of a passive linear wall",
     )
 
 
@@ -209,7 +209,7 @@ def deployable(verdict: Deployable | None) -> Row:
     return row("Deployable", text, mark=Mark.CAUTION if doubt else Mark.PASS)
 
 
-EDITED = "the coupling file was changed after avc wrote it: judged anew, as it stands"
+EDITED = "the coupling file was changed after avc wrote it; the changed coupling was judged anew"
 """Note on a coupling whose file has another digest than its content."""
 
 
@@ -243,7 +243,7 @@ def saturates(force_n: float | None, limit_n: float | None) -> bool:
 def peak_force(force_n: float, limit_n: float | None, limited: int = 0, depth_m: float | None = None) -> Row:
     """Return the largest force of a tap, and its depth; where it saturates, how many presses do so too."""
     if saturates(force_n, limit_n):
-        presses = f"; so do {limited} presses" if limited else None
+        presses = f"; {limited} presses reach the limit too" if limited else None
         return row("Peak force", "a tap reaches the limit of", Value(limit_n, "force"), presses, mark=Mark.CAUTION)
     deep = None if depth_m is None else (",", Value(depth_m, "length"), "deep")
     return row("Peak force", Value(force_n, "force"), "in a tap", deep)

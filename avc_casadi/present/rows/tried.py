@@ -50,7 +50,7 @@ def _settled(counts: LawCase | AdmittanceTrial, trial: LawTrial | AdmittanceTria
 def _numbers(moving: tuple[int, ...]) -> Iterator[Row]:
     """Yield which hands do not settle."""
     if moving:
-        yield row("Do not settle", f"by their number in the draw: {', '.join(map(str, moving))}")
+        yield row("Do not settle", f"numbers of these hands in the draw: {', '.join(map(str, moving))}")
 
 
 def _cycles(case: LawCase) -> Iterator[Row]:
@@ -58,7 +58,7 @@ def _cycles(case: LawCase) -> Iterator[Row]:
     if case.swings is not None:
         yield row("Swings", cycle(case.swings), mark=Mark.FAIL)
     if case.hunts is not None:
-        yield row("Hunts", cycle(case.hunts), "in a long press: the integral passes the friction", mark=Mark.CAUTION)
+        yield row("Hunts", cycle(case.hunts), "in a long press: the integral overcomes the friction", mark=Mark.CAUTION)
     yield from _numbers(case.moving)
 
 
@@ -73,7 +73,7 @@ def _relay(result: LawTrial) -> Iterator[Row]:
         larger = (
             "compensates",
             Value(compensation.force_n, "force"),
-            "of friction, of which there may be",
+            "of friction; the device may have only",
             Value(least_n, "force"),
         )
         yield row("Relay", larger, ": the compensation moves the device by itself", mark=Mark.CAUTION)
@@ -110,7 +110,7 @@ def _assumed_friction(result: LawTrial) -> Iterator[Row]:
     if result.least_friction is None or problem.device.range.coulomb_friction_n is not None:
         return
     key = problem.units.key("device.range.coulomb_friction_n")
-    yield row("Assumed", f"friction wears off and varies: half of the declared counts; state {key} if you know it")
+    yield row("Assumed", f"half of the declared friction counts, because friction varies; state {key} if you know it")
 
 
 def _rendered(case: LawCase) -> Iterator[Row]:
@@ -122,7 +122,7 @@ def cycle(motion: LimitCycle) -> tuple[Part, ...]:
     """Return the frequency and the size of a motion that goes on."""
     size = Value(motion.peak_to_peak_m, "length")
     if not math.isfinite(motion.frequency_hz):
-        return parts(size, "in a second, without a turn")
+        return parts(size, "in a second, without turning back")
     return parts(Value(motion.frequency_hz, "frequency"), ",", size, "peak to peak")
 
 
@@ -132,7 +132,7 @@ def admittance_trial(result: AdmittanceTrial, shown: str = "") -> Answer:
     assert problem.law is not None  # noqa: S101 - it was tried
     way = ("at 1 Hz,", Value(effort.way_m, "length"), "to each side:")
     forces = commas([(Value(effort.peak_n, "force"), "peak"), (Value(effort.rms_n, "force"), "rms")])
-    speeds = (Value(released.largest_m_per_s, "speed"), "at most after release at")
+    speeds = (Value(released.largest_m_per_s, "speed"), "at most after a release at")
     rows = [
         *_settled(result, result),
         *_numbers(result.moving),
@@ -165,7 +165,12 @@ def _rebounds(rebound: ContactRebound | None) -> Iterator[Row]:
     if rebound is None:
         return
     pressed = ("a pressed handle leaves the contact by", _length(rebound.pressed_m), "at most")
-    pushed = ("; released there, by", _length(rebound.released_m), "at", Value(rebound.released_m_per_s, "speed"))
+    pushed = (
+        "; a handle released at the contact, by",
+        _length(rebound.released_m),
+        "at",
+        Value(rebound.released_m_per_s, "speed"),
+    )
     yield row("Rebound", pressed, pushed)
 
 

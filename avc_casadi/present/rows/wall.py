@@ -132,11 +132,11 @@ def _damping_ratio(recommended: WallRecommendation) -> Row:
     shown = subject.damping_ratio(worst.damping_ratio, worst.frequency_hz, which_loop, problem.device.sample_time_s)
     if worst.damping_ratio >= RINGS_BELOW:
         return shown
-    remedy: Parts = "no damper of the wall that was tried helps"
+    remedy: Parts = "none of the tried wall dampers helps"
     if recommended.damped_wall is not None:
         remedy = _with_damper(recommended.damped_wall, problem.environment)
     elif _of_structure(problem, worst.frequency_hz):
-        remedy = "it is the device's own resonance, which no wall damps"
+        remedy = "this swing is the device's own resonance, which no wall damps"
     return row(shown.label, shown.values, ": lightly damped;", remedy, mark=Mark.CAUTION)
 
 
@@ -238,7 +238,7 @@ def _rendered(recommended: WallRecommendation) -> list[Row]:
     if share is None:
         return [row("Rendered", "nothing: every press reaches the force limit", mark=Mark.FAIL)]
     largest_error = max(_in_motion(rendered.impedance_error).values(), default=0.0)
-    sine = ", sine of", Value(rendered.sine.amplitude_m, "length")
+    sine = ", for a sine of", Value(rendered.sine.amplitude_m, "length")
     return [
         _stiffness_row(rendered, wall, share, recommended.trial),
         row("Impedance error", errors, sine, mark=caution(largest_error > max(UNNOTICED, 1 - share))),
@@ -258,7 +258,7 @@ def _stiffness_row(rendered: RenderedWall, wall: Impedance, share: float, trial:
         *((Value(value, "stiffness"), f"at {hz:g} Hz") for hz, value in motion.items()),
         None if handle == sensed else (Value(sensed, "stiffness"), "at the sensor"),
         (span((low, high), "stiffness"), "over 90 % of hands") if spread else None,
-        "above the wall in motion, damping included" if stiffer else None,
+        "in motion stiffer than the wall and its damper" if stiffer else None,
     ]
     return row("Rendered", commas(stiffnesses), mark=caution(stiffer or share > _STIFFER))
 
@@ -326,11 +326,11 @@ def contact_rows(rendered: RenderedWall, problem: Problem) -> list[Row]:
     leaving, creep = rendered.leaving, rendered.creep
     if leaving is not None:
         late = leaving.lasting_s > NOTICED_LATE_S
-        pushes: Parts = "no noticeable force outside"
+        pushes: Parts = "no noticeable force outside the wall"
         if leaving.lasting_s > 0:
             force, lasting = Value(leaving.force_n, "force"), Value(leaving.lasting_s, "time")
             pushes = "up to", force, "for", lasting, "outside the wall, until", Value(leaving.outside_m, "length")
-        withdraws = "; a hand withdraws in", Value(leaving.withdrawn_s, "time")
+        withdraws = "when a hand withdraws in", Value(leaving.withdrawn_s, "time")
         rows.append(row("Leaving contact", pushes, withdraws, mark=caution(late), rank=0 if late else 1))
     if creep is not None and creep.play_n > rendered.noticed_n:
         known = math.isfinite(creep.speed_m_per_s)
@@ -356,7 +356,7 @@ def _quantisation(rendered: RenderedWall, metres_per_unit: float) -> list[Row]:
     damper = ("and", Value(step.damper_n, "force"), "by the damper") if step.damper_n else None
     steps = Value(step.spring_n, "force"), "by the spring", damper, "per encoder step;"
     slow = "ripple", Value(ripple.in_slow_motion_n, "force"), "in slow motion,"
-    quiet = count(ripple.quiet), "of", count(ripple.hands), "hands below the threshold"
+    quiet = count(ripple.quiet), "of", count(ripple.hands), "hands do not feel this ripple"
     return [row("Quantisation", steps, slow, quiet, mark=caution(ripple.many_vibrate))]
 
 

@@ -185,7 +185,7 @@ def _ready_for_trial(problem: AdmittanceProblem) -> AdmittanceProblem:
     """Return a problem that has a law and a drive whose motion is simulated; refuse any other."""
     if problem.device.drive == "position":
         fact = f'{problem.typed_name}: device.drive is "position"'
-        raise UnsupportedError(f"{fact}: hands are simulated at drives of velocities; ask avc certify", key="")
+        raise UnsupportedError(f"{fact}: hands are simulated with velocity drives only; use avc certify", key="")
     if problem.law is None:
         allowed = "allowed: [law] with admittance = { mass_kg, damping_ns_per_m }"
         raise InputError.of(f"is missing; {allowed}", file=problem.typed_name, key="law")

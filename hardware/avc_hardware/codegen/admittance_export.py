@@ -305,7 +305,7 @@ def admittance_files(
     # An unstable law is refused before the ranges are searched.
     swings_hz = None if unsafe else unstable_at_corners_hz(problem, law)
     if swings_hz is not None:
-        raise _refusal(problem, f"unstable: it swings at {swings_hz:.3g} Hz")
+        raise _refusal(problem, f"unstable: the device swings at {swings_hz:.3g} Hz")
     certificate = certify_admittance(problem, remedies=False, limits=False)
     if not certificate.passed and not unsafe:
         raise _refusal(problem, certificate.reason)

@@ -54,7 +54,7 @@ def check_runs_on(
     if lacks:
         raise FirmwareLacksError(
             f"{coupling.problem.name}: the coupling does not run on this firmware: {'; '.join(lacks)}. "
-            f"Take a coupling that it can run (of a method: avc solve P --method static-tuned --out FILE), or export "
+            "Take another coupling (such as avc solve P --method static-tuned --out FILE), or export "
             "it for firmware of your own: avc export FILE --c DIR"
         )
 

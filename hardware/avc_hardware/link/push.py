@@ -93,7 +93,9 @@ def push(  # noqa: PLR0913 - options by name, of a public call
         chip = connection.device.unique_id
         if device_id is not None and device_id.lower() != chip:
             this = f"device {chip}" if chip else "a device without a serial number"
-            raise LinkError(f"{link.name}: not sent: this is {this}, not {device_id}; see avc doctor --ports --ask")
+            raise LinkError(
+                f"{link.name}: coupling not sent: this device is {this}, not {device_id}; see avc doctor --ports --ask"
+            )
         return push_over(connection, coupling, safe=safe, start_s=start, unsafe=unsafe)
 
 

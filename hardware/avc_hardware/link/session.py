@@ -186,7 +186,7 @@ class Session:
             why = "the device was in contact with the wall that it runs"
         raise InContactError(
             f"{why} for {CONTACT_TRIALS * CONTACT_WAIT_S:.0f} s, and a coupling takes over out of contact only; the "
-            "device still runs its previous coupling: move it out of the wall, release it, and push again"
+            "device still runs its previous coupling: move the device out of the wall, release it, and push again"
         )
 
 
