@@ -137,12 +137,7 @@ def certify_force_feedback(
     analysis = SensorAnalysis(stated)
     limits = LawLimits(analysis.family, measure=leading_poles)
     period = analysis.period_s
-    # A law without feedback has a gain of 0, of which stable values are looked for too.
-    table = (
-        judged_law
-        if judged_law.force_feedback
-        else judged_law.model_copy(update={"force_feedback": ForceFeedback(gain=0.0)})
-    )
+    table = _with_feedback(judged_law)
 
     def interval(number: LawNumber) -> Interval | None:
         return limits.interval(number, NumberLaws(table, number, lambda changed: [changed.law(period)]))
@@ -163,6 +158,11 @@ def certify_force_feedback(
     )
     damped = changes_that_damp(analysis, judged_law, _ways(stated)) if certificate.passed and certificate.rings else ()
     return replace(certificate, damped_by=damped)
+
+
+def _with_feedback(law: SensedLaw) -> SensedLaw:
+    """Return a law with a gain of the force, of which stable values are looked for: 0 where it has no feedback."""
+    return law if law.force_feedback else law.model_copy(update={"force_feedback": ForceFeedback(gain=0.0)})
 
 
 _WAYS = {

@@ -32,8 +32,10 @@ _SOUND_ROUGHLY = 1.02 * SOUND_DISK
 _ON_A_LINE = (0.1, 0.25, 0.5, 0.75, 0.9)
 # How far a line is bent inwards, as the share at its middle of the way from a straight one to a step.
 _BENDS = (0.0, 0.1, 0.3, 1.0)
-_STEP, _SET_BACK, _NOT_DRAWN = 2.0, 3.0, 4.0
-"""What stands for the bend of a step, of one set back inwards, and of a line that is not drawn."""
+# What stands for the bend of a step, of one set back inwards, and of a line that is not drawn.
+_STEP = 2.0
+_SET_BACK = 3.0
+_NOT_DRAWN = 4.0
 _SET_BACK_BY = 1.1
 """Factor by which a step is set back: an edge may peak between two dampings of about the same masses."""
 _NEAR_A_STEP = 0.02
@@ -58,7 +60,7 @@ class Laws:
 
 
 @dataclass(frozen=True, eq=False)
-class Edges:
+class MassEnds:
     """Places of dampings, and the ends of the masses that are stable and sound there, shape (n,)."""
 
     places: FloatArray
@@ -133,7 +135,7 @@ class MassEdges:
         open_places = {round(place) for place, _ in self._search(self._at_ends(rows))}
         self._held.stable[list(open_places)] = self._held.sound[list(open_places)] = False
 
-    def edges(self) -> Edges:
+    def edges(self) -> MassEnds:
         """Return the ends at every damping, and between two of them those of a line that is confirmed."""
         rows = np.arange(len(self.dampings))
         ends = np.array([[span.low, span.high] for span in (self.span(rows, sound=False), self.span(rows, sound=True))])
@@ -144,7 +146,7 @@ class MassEdges:
             refused = self._refused_between(lines.laws(_ON_A_LINE), refused)
         lines.bends[refused] = _NOT_DRAWN
         places, drawn = lines.drawn()
-        return Edges(places, Spans(*drawn[0]), Spans(*drawn[1]))
+        return MassEnds(places, Spans(*drawn[0]), Spans(*drawn[1]))
 
     def dampings_at(self, places: FloatArray) -> FloatArray:
         """Return the dampings at places."""

@@ -26,7 +26,7 @@ from avc_casadi.diagnose.priors import (
     hand_unknowns,
     mode_unknowns,
 )
-from avc_casadi.diagnose.windows import MOST_DELAY, Window, windows_of
+from avc_casadi.diagnose.windows import MOST_DELAY, LogWindow, windows_of
 from avc_casadi.model.hands import Hand
 
 _LEAST_DELAY = 2e-3
@@ -277,7 +277,7 @@ class _Structure:
         stiffer = (motor + 1 / share) / (motor + 1 / (share + held_share))
         return math.exp(value["mode_frequency"]) * math.sqrt(stiffer)
 
-    def residual(self, point: FloatArray, window: Window) -> FloatArray:
+    def residual(self, point: FloatArray, window: LogWindow) -> FloatArray:
         """Return the residual of the position between stops, m, at the ticks that are used.
 
         Projected out is motion that is not of the logged force: free motion from any state, the slow motion of the
@@ -310,7 +310,7 @@ class _Structure:
             return np.full(unforced.size, np.ptp(window.position))
         return np.asarray(unforced - upright @ (upright.T @ unforced)) * math.sqrt(unforced.size / spare)
 
-    def _forced(self, motion: SampledMotion, window: Window) -> FloatArray:
+    def _forced(self, motion: SampledMotion, window: LogWindow) -> FloatArray:
         """Return the position under the logged force and the friction of the device, from rest, shape (n,), m."""
         n = window.position.size
         now = window.past.size - n - motion.whole_delay
@@ -321,7 +321,7 @@ class _Structure:
             forced = forced + motion.response(motion.new + motion.old, friction_n * window.rub)
         return forced
 
-    def solve(self, first: FloatArray, windows: Sequence[Window], levels: FloatArray, tries: int) -> _Solution:
+    def solve(self, first: FloatArray, windows: Sequence[LogWindow], levels: FloatArray, tries: int) -> _Solution:
         """Return the best point from a first one on; each window has the level of its noise, m."""
 
         def weighted(point: FloatArray) -> FloatArray:
@@ -348,7 +348,7 @@ class _Structure:
         jacobian = np.asarray(result.jac)
         return _Solution(np.asarray(result.x), jacobian.T @ jacobian, float(result.cost))
 
-    def rms(self, point: FloatArray, windows: Sequence[Window]) -> list[float]:
+    def rms(self, point: FloatArray, windows: Sequence[LogWindow]) -> list[float]:
         """Return the residual in each window, root mean square, m."""
         return [_rms(self.residual(point, window)) for window in windows]
 
@@ -521,7 +521,7 @@ def _with_alternatives(fits: Sequence[PlantFit]) -> list[PlantFit]:
 
 
 def _with_stops(
-    structure: _Structure, inside: FloatArray, windows: Sequence[Window], noise: float, without: float
+    structure: _Structure, inside: FloatArray, windows: Sequence[LogWindow], noise: float, without: float
 ) -> list[_Trial]:
     """Return the trial of a structure with the widest stops that explain the motion, or none.
 
@@ -540,7 +540,7 @@ def _with_stops(
     return good[:1] if bears_out and good[0].residual_m < _STOPS_BETTER * without else []
 
 
-def _begin(structure: _Structure, windows: Sequence[Window], noise: float) -> _Trial:
+def _begin(structure: _Structure, windows: Sequence[LogWindow], noise: float) -> _Trial:
     """Return a structure with its best point from a few initial guesses."""
     levels = np.full(len(windows), _BEGIN_LEVEL * noise)
     turns = _MODE_TURNS if structure.resonant else (1.0,)
@@ -556,7 +556,7 @@ def _begin(structure: _Structure, windows: Sequence[Window], noise: float) -> _T
     return _Trial(structure, point, max(structure.rms(point, windows)))
 
 
-def _levels(trials: Sequence[_Trial], windows: Sequence[Window], noise: float) -> FloatArray:
+def _levels(trials: Sequence[_Trial], windows: Sequence[LogWindow], noise: float) -> FloatArray:
     """Return the noise of each window, m: the least residual, with as few independent samples as it has."""
     levels = []
     for window in windows:
@@ -566,7 +566,7 @@ def _levels(trials: Sequence[_Trial], windows: Sequence[Window], noise: float) -
 
 
 def _finish(
-    trial: _Trial, windows: Sequence[Window], levels: FloatArray, noise: float, scatter: float, seed: int
+    trial: _Trial, windows: Sequence[LogWindow], levels: FloatArray, noise: float, scatter: float, seed: int
 ) -> PlantFit | None:
     """Refine with the residual as noise, and draw from the posterior; None of a resonance at an end of its range."""
     structure = trial.structure

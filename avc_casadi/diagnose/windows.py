@@ -34,7 +34,7 @@ _SMOOTH_STEPS = 0.05
 
 
 @dataclass(frozen=True, eq=False)
-class Window:
+class LogWindow:
     """A stretch of n ticks of a log to which structures are fitted."""
 
     start: float
@@ -67,7 +67,7 @@ def _begin_of(log: Log, swing: Oscillation) -> int:
     return swing.first if steady else later
 
 
-def windows_of(log: Log, swing: Oscillation, grid: Grid) -> list[Window]:
+def windows_of(log: Log, swing: Oscillation, grid: Grid) -> list[LogWindow]:
     """Return the stretches of a log that a plant is fitted to: end and beginning of the swing, where they are apart."""
     period, n, before = log.period_s, log.position_m.size, int(MOST_DELAY * grid.a_tick) + 2
     cycles_s = max(_WINDOW_S, _WINDOW_CYCLES / swing.frequency_hz)
@@ -82,5 +82,5 @@ def windows_of(log: Log, swing: Oscillation, grid: Grid) -> list[Window]:
         part = slice(begin, begin + size)
         start = log.position_m[begin]
         past = log.force_n[begin - before : begin + size]
-        windows.append(Window(float(start), log.position_m[part] - start, past, rub[part], log.ran[part]))
+        windows.append(LogWindow(float(start), log.position_m[part] - start, past, rub[part], log.ran[part]))
     return windows
