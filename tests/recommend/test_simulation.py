@@ -47,7 +47,9 @@ def test_recommended_coupling_settles_in_a_plain_simulation(mass, ratio, exchang
 
 @pytest.mark.slow
 def test_wanted_stiffness_is_given_or_what_it_needs():
-    given = avc.recommend(problem("tool_mass_kg = 0.2\nstep_s = 0.005\nstiffness_n_per_m = 3000.0"), hands=HANDS)
+    given = avc.recommend(
+        problem("clock = 'device'\ntool_mass_kg = 0.2\nstep_s = 0.005\nstiffness_n_per_m = 3000.0"), hands=HANDS
+    )
     assert given.coupling.gains.stiffness_n_per_m == 3000.0
     # The table of an earlier prototype: 3000 N/m at 200 Hz needs 0.025 kg, at 62 Hz 1 kg.
     assert given.pair.least_tool_mass_kg == pytest.approx(0.03, rel=0.3)
@@ -62,18 +64,20 @@ def test_wanted_stiffness_is_given_or_what_it_needs():
             gains = margin * np.array([*vars(given.pair.same_k[key]).values()][:2])
             assert growth(loops, gains, samples=samples, integrator="semi-implicit", late=False).max() < 1
     # Beyond what the coupling alone holds, a damper of the device's own loop is there for it.
-    late = 'tool_mass_kg = 0.2\nstep_s = 0.01\nexchange = "late"\nstiffness_n_per_m = '
+    late = 'clock = "device"\ntool_mass_kg = 0.2\nstep_s = 0.01\nexchange = "late"\nstiffness_n_per_m = '
     beside = avc.recommend(problem(f"{late}1700.0"), hands=HANDS)
     assert beside.deployable
     assert beside.coupling.gains.local_damping_ns_per_m > 1
     assert avc.recommend(problem(f"{late}500.0"), hands=HANDS).coupling.gains.local_damping_ns_per_m == 0
-    light = avc.recommend(problem("tool_mass_kg = 0.01\nstep_s = 0.016\nstiffness_n_per_m = 3000.0"), hands=HANDS)
+    light = avc.recommend(
+        problem("clock = 'device'\ntool_mass_kg = 0.01\nstep_s = 0.016\nstiffness_n_per_m = 3000.0"), hands=HANDS
+    )
     assert not light.deployable
     # Without a damper in the device's loop no tool has the margins, though 1 kg holds by the prototype.
     assert same_stiffness(light.problem, 3000.0, local=False)["least_tool_mass_kg"] is None
     assert light.pair.least_tool_mass_kg < 0.5
     assert max(one.stiffest_n_per_m for one in light.sensitivities) > light.pair.stiffest.stiffness_n_per_m
-    soft = "tool_mass_kg = 0.5\nstep_s = 0.01\nstiffness_n_per_m = 50.0"
+    soft = "clock = 'device'\ntool_mass_kg = 0.5\nstep_s = 0.01\nstiffness_n_per_m = 50.0"
     coarse = DEVICE.replace("0.12", "0.1").replace("0.8", "0.2") + "encoder_resolution_m = 3.8e-5\n"
     assert avc.recommend(problem(soft, coarse), hands=HANDS).deployable
 
@@ -104,7 +108,7 @@ def test_state_ahead_of_its_force_needs_the_damper_of_the_devices_loop():
 @pytest.mark.slow
 def test_felt_tool_is_what_a_driven_simulation_measures():
     """A handle moved by 1 mm: the force of a plain engine at the frequency of the motion, against what is told."""
-    scene = "tool_mass_kg = 0.1\nstep_s = 0.005\nposition_scale = 4.0\nforce_scale = 0.5\n"
+    scene = "clock = 'device'\ntool_mass_kg = 0.1\nstep_s = 0.005\nposition_scale = 4.0\nforce_scale = 0.5\n"
     device = DEVICE.replace("delay_samples = 1\n", "amplifier_bandwidth_hz = 100.0\n")
     found = avc.recommend(problem(f"{scene}contact_stiffness_n_per_m = [0.0, 500.0]", device), hands=HANDS)
     k, b = found.coupling.gains.stiffness_n_per_m, found.coupling.gains.damping_ns_per_m
