@@ -8,8 +8,8 @@ import avc_casadi as avc
 from avc_casadi._util.open_end import AboveZero
 from avc_casadi._util.units import LINEAR
 from avc_casadi.model.control_law import LawNumber
-from avc_casadi.present import rows
 from avc_casadi.present.row import Value, stable_ends
+from avc_casadi.present.rows.pieces import number_limits
 
 DEVICE = "[device]\nmass_kg = 0.1\ndamping_ns_per_m = {drag}\ndelay_samples = {late}\ncoulomb_friction_n = 0.2\n[law]\n"
 LAWS = [
@@ -56,7 +56,7 @@ def test_a_law_of_one_gain_has_an_open_end_at_0_and_a_small_gain_has_the_same_li
     for low, high in intervals:
         assert isinstance(low, AboveZero)
         assert high == pytest.approx(102.94362, rel=1e-6)
-    text = str(rows.pieces.number_limits({"damping_ns_per_m": intervals[1]})[0])
+    text = str(number_limits({"damping_ns_per_m": intervals[1]})[0])
     assert "above" in text
 
 
