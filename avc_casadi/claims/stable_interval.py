@@ -38,7 +38,7 @@ _BISECTIONS = 27
 # without one alone, and the root is then where rounding leaves it.
 _LEAST_END = 1e-2
 # Share of a root by which an end lies inside: an end is a value that is judged stable.
-_JUST_INSIDE = 1e-6
+_JUST_INSIDE = 1e-7
 
 
 def stable_interval(number: LawNumber, growth: Growth, deciding: Deciding | None = None) -> Interval | None:
