@@ -195,6 +195,7 @@ def test_check_names_what_lies_above_half_the_sample_rate_and_what_is_assumed():
     assert marks["Hands"] is Mark.CAUTION
 
 
+@pytest.mark.slow
 def test_a_device_without_a_wall_knows_its_noise_and_prints_its_rows():
     law = {"force_feedback": {"gain": 2.0}, "damping_ns_per_m": 20.0}
     stated = avc.certify_force_feedback(rail(law, sensor={"noise_rms_n": 0.1}, position_noise_rms_m=1e-6))

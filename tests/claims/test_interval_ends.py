@@ -3,6 +3,7 @@
 import math
 
 import pytest
+from quick import first
 
 import avc_casadi as avc
 from avc_casadi._util.open_end import AboveZero
@@ -28,7 +29,7 @@ def judged(law, late, drag):
     return avc.certify_law(avc.parse_problem(DEVICE.format(late=late, drag=drag) + law))
 
 
-@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("law", first(LAWS[::-1], 2))
 @pytest.mark.parametrize(("late", "drag"), [(0, 0.0), pytest.param(1, 0.3, marks=pytest.mark.slow)])
 def test_each_end_is_a_value_with_which_the_law_is_stable(law, late, drag):
     result = judged(law, late, drag)

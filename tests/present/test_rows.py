@@ -49,7 +49,6 @@ def certificate():
 
 ANSWERS = {
     "wall": lambda: judged(500.0)[1],
-    "refused": lambda: judged(1e6)[1],
     "nothing deployable": lambda: avc.recommend("hard/massless", hands=3),
     "certificate": certificate,
     "gains": lambda: avc.solve(avc.load_problem("knob").changed(frequency=FEW), "exact"),
@@ -63,6 +62,7 @@ ANSWERS = {
     "own law, unstable": lambda: avc.certify_law("soft", k=1e6),
 }
 SLOW = {
+    "refused": lambda: judged(1e6)[1],
     "own law, turning": lambda: avc.certify_law("smartknob", k=0.06, b=0.001),
     "follower": lambda: avc.recommend(avc.parse_problem(FOLLOWER), 4),
     "knob": lambda: avc.recommend("knob", hands=4),
