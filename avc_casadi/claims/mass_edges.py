@@ -188,8 +188,10 @@ class MassEdges:
     def _judged_nearby(self, law: Law, places: FloatArray) -> JudgedLaws:
         """Return which laws hold with the plants of places nearby."""
         laws, plants = np.nonzero(np.abs(places[:, None] - self._nearby_at) <= 1)
-        loops = OpenLoop.of_bodies(self._nearby_bodies.axes(plants), law.pick(laws))
         stable, sound = np.ones(len(places), dtype=bool), np.ones(len(places), dtype=bool)
+        if not laws.size:
+            return JudgedLaws(stable, sound)
+        loops = OpenLoop.of_bodies(self._nearby_bodies.axes(plants), law.pick(laws))
         inside = loops.closed.radius < 1
         np.logical_and.at(stable, laws, inside)
         np.logical_and.at(sound, laws, inside & (loops.swings() <= 2 / _SOUND_ROUGHLY))

@@ -35,6 +35,7 @@ tool_mass_kg = 0.05
 step_s = 0.005
 integrator = "semi-implicit"
 exchange = "on-time"
+clock = "device"                # `pressed` starts each step of the engine at a sample
 """
 TOOL_KG, STEP_S, SAMPLE_S, DELAY, LIMIT_N = 0.05, 0.005, 0.001, 1, 8.0
 START_M, DEEPEST_M, SECONDS = -0.02, 0.01, 5.5

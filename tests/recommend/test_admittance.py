@@ -52,8 +52,10 @@ def test_the_least_of_the_files_numbers_is_on_the_edge(found):
 
 @pytest.mark.slow
 def test_the_edge_of_the_region_is_where_certificates_turn(region):
-    chosen = np.flatnonzero(region.sound_least_kg > 0)[[1, -2]]
-    for index in chosen:
+    # Between these dampings a line may lie farther inside.
+    chosen = [row for row in region.confirmed_rows if region.sound_least_kg[row] > 0]
+    assert len(chosen) > 1
+    for index in (chosen[0], chosen[-1]):
         damping = float(region.damping_ns_per_m[index])
         for mass, limit, is_beyond in (
             (region.least_kg[index], 0.0, False),
@@ -65,8 +67,12 @@ def test_the_edge_of_the_region_is_where_certificates_turn(region):
             for factor in (0.95, 1.05):
                 law = {"mass_kg": float(factor * mass), "damping_ns_per_m": damping}
                 judged = avc.certify_admittance("admittance/cobot", law=law, remedies=False)
-                inside = (factor > 1) != is_beyond
-                assert (judged.stable and judged.disk_margin >= limit) == inside
+                if (factor > 1) != is_beyond:
+                    assert judged.stable
+                    assert judged.disk_margin >= limit
+                else:
+                    # A margin of the region is at most two per cent too large, so its edge lies inside by that.
+                    assert not (judged.stable and judged.disk_margin >= 1.02 * limit)
 
 
 @pytest.mark.slow
