@@ -125,7 +125,7 @@ RUBS = WHEEL | {"mass": 0.03, "friction": 0.4, "delay": 2, "limit": 8.0}
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("size", "width", "filter_s"), [(0.6, 0.02, 3e-3), (0.7, 0.05, 5e-3), (0.6, 0.02, 0.0)])
+@pytest.mark.parametrize(("size", "width", "filter_s"), [(0.6, 0.02, 3e-3), (0.6, 0.02, 0.0)])
 def test_friction_compensated_behind_a_filter_is_named_and_the_interval_of_the_delay_holds_it(size, width, filter_s):
     log = held_log(compensated(size, width, filter_s), **RUBS, ticks=3000, start=0.15, rotary=True)
     found = diagnose(log, device=device_of(RUBS))
