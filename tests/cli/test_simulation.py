@@ -49,7 +49,7 @@ def test_certificate_tells_stability_and_passivity_apart(tmp_path, capsys):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ("tool/unity-60hz", "tool/sofa-implicit"))
+@pytest.mark.parametrize("name", ["tool/unity-60hz", "tool/sofa-implicit"])
 def test_region_is_stable_below_each_curve_and_not_above(name):
     """Its own points against the loops of another object, at 0.98 and 1.05 of each curve."""
     problem = avc.load_problem(name)
