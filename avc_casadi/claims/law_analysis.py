@@ -254,9 +254,10 @@ class LawAnalysis:
         return AboveZero(scan[1]) if sole else max(low, 0.0), high
 
     def _dampers_ns_per_m(self, law: SpringDamper) -> FloatArray:
-        """Return the dampers of a scan: 0, that of the law, and up to four times m/T or twice the device's own.
+        """Return the dampers of a scan, N.s/m: 0, that of the law, and 81 up to 4 max(m/T, 2 b_d) (1 + p)/(1 - p).
 
-        Behind a filter of pole p dampers may be (1 + p)/(1 - p) larger.
+        m is the mass of the heaviest device with the heaviest hand, T the sample time, b_d the largest damping of a
+        device, and p the pole of the velocity filter, 0 without one.
         """
         pole = law.pole(self.period)
         drag = max(device.damping_ns_per_m for device in self.family.devices)

@@ -191,7 +191,10 @@ class Border:
         return at_handle(complete, radius_m or _STAND_IN_RADIUS_M), units
 
     def read(self, tables: Mapping[str, Any], device: Any, units: Units) -> None:
-        """Take the tables of a file, with its device as `device_table` gave it."""
+        """Take the tables of a file, with its device as `device_table` gave it.
+
+        Keys get their common names, those of a linear device; texts with units and counts per turn become numbers.
+        """
         self.device = units
         # The handle of a rotary device with a capstan goes in a line.
         has_capstan = isinstance(tables.get("device"), Mapping) and CAPSTAN in tables["device"]

@@ -169,7 +169,11 @@ class Draft(ABC):
         return _read(f"{low} {shared_unit}", unit, radius_m), _read(high, unit, radius_m)
 
     def _delay_samples(self, typed: str) -> float | str:
-        """Return a delay in samples, also where it is typed as a time; or the text where it is neither."""
+        """Return a delay in samples, also where it is typed as a time; or the text where it is neither.
+
+        A time is divided by the period of the typed sample rate, or of the default rate where none is typed; 1 ms
+        stands in where the typed rate is faulty, which is reported by itself.
+        """
         samples = _read(typed, "samples")
         seconds = _read(typed, "s")
         if isinstance(samples, str) and isinstance(seconds, float):

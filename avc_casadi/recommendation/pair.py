@@ -170,7 +170,10 @@ class PairDesign:
         )
 
     def no_coupling(self, infeasible: Reason | None) -> NoPair:
-        """Return the answer without a coupling, which is infeasible for a reason, or else was refused by hands."""
+        """Return the answer without a coupling: infeasible for a reason, or else as `why_none` says.
+
+        Simulated hands did not settle, or no coupling had the gain margin or the required stiffness.
+        """
         return NoPair(
             problem=self.problem,
             why=infeasible or self.why_none(),

@@ -176,9 +176,11 @@ class MethodVerdict(StrEnum):
 def verdicts(
     closed_form: GainSchedule, optimum: GainSchedule, scale: FloatArray
 ) -> tuple[tuple[MethodVerdict, ...], tuple[str, ...]]:
-    """Return for every frequency whether closed form or optimum has the less magnitude error, and a sentence why.
+    """Return for every frequency how the closed form compares with the optimum, and a sentence why.
 
-    ``scale`` is |Z_d| + |H Z_ds|, N.s/m: errors that differ by less than 1e-8 of it are equal.
+    A verdict is infeasible (no gains at all), closed form not realisable, direct better, bound active (equal errors,
+    at a bound of the gain box) or agree. The optimum has the least magnitude error, N.s/m. ``scale`` is
+    |Z_d| + |H Z_ds|, N.s/m: errors that differ by less than 1e-8 of it are equal.
     """
     better = closed_form.magnitude_error > optimum.magnitude_error + AGREEMENT * scale
     judged = [_verdict(closed_form, optimum, row, better=bool(better[row])) for row in range(optimum.rows)]
