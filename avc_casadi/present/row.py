@@ -173,10 +173,20 @@ def span(values: Iterable[float | None], of: Quantity) -> tuple[Part, ...]:
 def stable_ends(ends: Interval, of: Quantity, digits: int = 3) -> tuple[Parts, Value]:
     """Return the ends of a stable interval, rounded into it, so that a value that is typed as printed is stable."""
     lowest, highest = ends
-    low: Parts = Value(lowest, of, digits, math.ceil)
+    low: Parts = least_value(lowest, of, digits)
     if isinstance(lowest, AboveZero):
         low = ("above", Value(0.0, of))
-    return low, Value(highest, of, digits, math.floor)
+    return low, largest_value(highest, of, digits)
+
+
+def largest_value(value: float, of: Quantity, digits: int = 3) -> Value:
+    """Return a value up to which all is well, rounded down, so that it is well as it is printed too."""
+    return Value(value, of, digits, math.floor)
+
+
+def least_value(value: float, of: Quantity, digits: int = 3) -> Value:
+    """Return a value from which on all is well, rounded up, so that it is well as it is printed too."""
+    return Value(value, of, digits, math.ceil)
 
 
 def _rounded(value: float, digits: int, how: Callable[[float], int]) -> float:

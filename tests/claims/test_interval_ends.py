@@ -9,7 +9,7 @@ import avc_casadi as avc
 from avc_casadi._util.open_end import AboveZero
 from avc_casadi._util.units import LINEAR
 from avc_casadi.model.control_law import LawNumber
-from avc_casadi.present.row import Value, stable_ends
+from avc_casadi.present.row import Value, largest_value, stable_ends
 from avc_casadi.present.rows.pieces import number_limits
 
 DEVICE = "[device]\nmass_kg = 0.1\ndamping_ns_per_m = {drag}\ndelay_samples = {late}\ncoulomb_friction_n = 0.2\n[law]\n"
@@ -59,6 +59,15 @@ def test_a_law_of_one_gain_has_an_open_end_at_0_and_a_small_gain_has_the_same_li
         assert high == pytest.approx(102.94362, rel=1e-6)
     text = str(number_limits({"damping_ns_per_m": intervals[1]})[0])
     assert "above" in text
+
+
+@pytest.mark.parametrize("damper", [10.0, 25.9])
+def test_the_largest_spring_as_it_is_printed_is_stable(damper):
+    wall = "[environment]\nstiffness_n_per_m = 1e4\ndamping_ns_per_m = 5.0\n"
+    problem = avc.parse_problem(DEVICE.format(late=1, drag=1.0).replace("[law]\n", wall))
+    largest = avc.certify_law(problem, k=100.0, b=damper).largest_stiffness_n_per_m
+    assert avc.certify_law(problem, k=largest_value(largest, "stiffness").printed, b=damper).stable
+    assert not avc.certify_law(problem, k=1.01 * largest, b=damper).stable
 
 
 @pytest.mark.parametrize(

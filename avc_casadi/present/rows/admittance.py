@@ -33,7 +33,22 @@ from avc_casadi.model.admittance import (
 )
 from avc_casadi.model.sensed import SensorProblem
 from avc_casadi.model.table import shown as as_in_file
-from avc_casadi.present.row import Answer, Mark, Part, Row, Value, caution, commas, grade, parts, row, span, stable_ends
+from avc_casadi.present.row import (
+    Answer,
+    Mark,
+    Part,
+    Row,
+    Value,
+    caution,
+    commas,
+    grade,
+    largest_value,
+    least_value,
+    parts,
+    row,
+    span,
+    stable_ends,
+)
 from avc_casadi.present.rows import subject
 from avc_casadi.recommendation.admittance import AdmittanceRecommendation, BetterDevice
 from avc_casadi.simulation.judge import AT_REST_M_PER_S
@@ -284,7 +299,7 @@ def exported(problem: AdmittanceProblem, precision: str, files: tuple[str, ...],
 
 
 def _least(value: float, of: Quantity) -> tuple[Part, ...]:
-    return (Value(value, of),) if value else ("any",)
+    return (least_value(value, of),) if value else ("any",)
 
 
 def _better(better: BetterDevice) -> tuple[Part, ...]:
@@ -418,7 +433,7 @@ def _limits(result: AdmittanceCertificate) -> list[Row]:
 def stiffest(result: HandleVerdict, contact: Contact) -> Row:
     """Return the stiffest contact, which fails where the declared one is stiffer."""
     limit, declared = result.stiffest_contact_n_per_m, contact.stiffest_contact_n_per_m
-    text: tuple[Part, ...] = (Value(limit, "stiffness"), "with every hand and without a hand")
+    text: tuple[Part, ...] = (largest_value(limit, "stiffness"), "with every hand and without a hand")
     if math.isinf(limit):
         text = ("no limit: stable against any contact, with every hand and without a hand",)
     elif not limit:

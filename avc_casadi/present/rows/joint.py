@@ -15,7 +15,22 @@ from avc_casadi.loops.joint import JointGains
 from avc_casadi.loops.margins import LEAST_DISK
 from avc_casadi.model.ends import LIGHTEST_TOOL_KG, LONGEST_STEP_S
 from avc_casadi.model.problem import Problem
-from avc_casadi.present.row import Answer, Mark, Part, Row, Value, caution, commas, grade, parts, row, span, stable_ends
+from avc_casadi.present.row import (
+    Answer,
+    Mark,
+    Part,
+    Row,
+    Value,
+    caution,
+    commas,
+    grade,
+    largest_value,
+    least_value,
+    parts,
+    row,
+    span,
+    stable_ends,
+)
 from avc_casadi.present.rows import subject
 from avc_casadi.present.rows.reasons import sentence
 from avc_casadi.recommendation.joint import DAMPING_RATIO, NO_JOINT_GAINS, JointDesign, JointRecommendation
@@ -102,7 +117,7 @@ def _largest_step(result: JointCertificate) -> tuple[Part, ...]:
         return ("no value is stable",)
     if result.step_s[1] >= LONGEST_STEP_S:
         return ("any",)
-    return (Value(result.step_s[1], "time", 4),)
+    return (largest_value(result.step_s[1], "time", 4),)
 
 
 def _least_mass(result: JointCertificate) -> tuple[Part, ...]:
@@ -112,9 +127,9 @@ def _least_mass(result: JointCertificate) -> tuple[Part, ...]:
     least, most = result.mass_kg
     if least <= LIGHTEST_TOOL_KG and math.isinf(most):
         return ("any",)
-    limit = ("at most", Value(most, "mass", 4)) if math.isfinite(most) else None
-    add = ("; add", Value(result.armature_kg, "mass", 4), "(armature)") if result.armature_kg else None
-    return parts(Value(least, "mass", 4), limit, add)
+    limit = ("at most", largest_value(most, "mass", 4)) if math.isfinite(most) else None
+    add = ("; add", least_value(result.armature_kg, "mass", 4), "(armature)") if result.armature_kg else None
+    return parts(least_value(least, "mass", 4), limit, add)
 
 
 def drafted(joint: ModelledJoint, problem: Problem, shown: str) -> Answer:

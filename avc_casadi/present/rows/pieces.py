@@ -26,6 +26,7 @@ from avc_casadi.present.row import (
     caution,
     commas,
     grade,
+    largest_value,
     parts,
     quantity_of,
     row,
@@ -165,7 +166,7 @@ def law_limits(result: LawCertificate) -> list[Row]:
     moving = [(Value(stiffness, "stiffness"), f"at {hz:g} Hz") for hz, stiffness in result.rendered_n_per_m.items()]
     largest, allowed = result.largest_stiffness_n_per_m, result.damping_range_ns_per_m
     limits_of = [
-        row("Largest k", Value(largest, "stiffness") if largest else "none", "at this b"),
+        row("Largest k", largest_value(largest, "stiffness") if largest else "none", "at this b"),
         row("Stable b", "none" if allowed is None else _stretch("damping_ns_per_m", allowed), "at this k"),
     ]
     if not result.limited:
