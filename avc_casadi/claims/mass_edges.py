@@ -42,9 +42,12 @@ _NEAR_A_STEP = 0.02
 """How near to a damping a step is, as a share of the way."""
 # Where a scan met no end, a line leads to so many times its last mass.
 _BEYOND = 3.0
-# Bisections of the least damping: to a thousandth of it, and masses of a scan about those of the damping above.
-_DAMPING_BISECTIONS = 8
-_MASSES_AROUND = 4
+# The least damping is bisected to this share of the way between two dampings of the region.
+_DAMPING_PRECISION = 1 / 256
+# The masses of the region taper off to a tip at the least damping: they are scanned in so many, from those at the
+# damping above, and as far beyond these by a factor.
+_MASSES_OF_A_TIP = 48
+_BEYOND_MASSES = 1.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,17 +227,22 @@ class MassEdges:
             return None
         first = int(with_mass[0])
         columns = np.flatnonzero(held[first])
-        scan = self.masses[max(columns[0] - _MASSES_AROUND, 0) : columns[-1] + _MASSES_AROUND + 1]
 
-        def held_masses(place: float) -> FloatArray:
+        def held_masses(place: float, about: FloatArray) -> FloatArray:
+            """Return the masses that hold at a place, of a scan from about the least to the largest of some masses."""
+            scan = np.geomspace(about[0] / _BEYOND_MASSES, about[-1] * _BEYOND_MASSES, _MASSES_OF_A_TIP)
+            scan = scan[(self.masses[0] <= scan) & (scan <= self.masses[-1])]
             judged = self._judged(Laws(scan, np.full(len(scan), place)))
-            return scan[judged.sound if sound else judged.stable]
+            return np.asarray(scan[judged.sound if sound else judged.stable])
 
-        place, other = float(first), max(first - 1.0, 0.0)
-        best = self.masses[columns]
-        for _ in range(_DAMPING_BISECTIONS if first else 0):
+        place, best = float(first), self.masses[columns]
+        # A tip that is narrower than the scan of the region's masses shows in the finer one.
+        while place > 0 and (masses := held_masses(place - 1, best)).size:
+            place, best = place - 1, masses
+        other = max(place - 1, 0.0)
+        while place - other > _DAMPING_PRECISION:
             middle = 0.5 * (place + other)
-            masses = held_masses(middle)
+            masses = held_masses(middle, best)
             if masses.size:
                 place, best = middle, masses
             else:

@@ -76,6 +76,23 @@ def test_the_edge_of_the_region_is_where_certificates_turn(region):
 
 
 @pytest.mark.slow
+def test_below_the_least_damping_no_mass_is_stable(region):
+    """The region tapers off to a tip: a scan of the masses that is coarser than the tip ended 9 % above it."""
+    problem = avc.load_admittance("admittance/cobot")
+    analysis = HandleAnalysis(problem)
+    stable = {}
+    for factor in (0.98, 1.005):
+        laws = [
+            {"mass_kg": float(mass), "damping_ns_per_m": factor * region.least_damping_ns_per_m}
+            for mass in np.geomspace(0.6, 1.0, 150)
+        ]
+        # Margins at the corners alone sort out most laws; then searches of the ranges decide.
+        hopeful = [law for law in laws if analysis.rough_margin(problem.law.admittance.model_copy(update=law))]
+        stable[factor] = any(avc.certify_admittance(problem, law=law, remedies=False).stable for law in hopeful)
+    assert stable == {0.98: False, 1.005: True}
+
+
+@pytest.mark.slow
 def test_the_lines_that_are_drawn_between_dampings_are_stable(region):
     """An edge bends both ways: a straight line between two points of it may leave the stable laws."""
     problem = avc.load_admittance("admittance/cobot")
