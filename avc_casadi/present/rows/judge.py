@@ -377,7 +377,7 @@ def _engine_rate(curve: ToolCurve, problem: Problem) -> Row:
     declared = ", as declared" if curve.declared else ""
     if curve.stable is None:
         return row(label, "no coupling is stable", declared, mark=Mark.FAIL)
-    return row(label, "stiffest", subject.pair_of(curve.stable), declared)
+    return row(label, "stiffest", subject.limit_of_pair(curve.stable), declared)
 
 
 def walls(result: ZWidth, shown: str = "") -> Answer:

@@ -22,7 +22,21 @@ from avc_casadi.model.joint import Joint, NoDevice
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.sensed import SensorProblem
 from avc_casadi.present import words
-from avc_casadi.present.row import Answer, Mark, Part, Row, Value, caution, commas, fill, grade, parts, row, span
+from avc_casadi.present.row import (
+    Answer,
+    Mark,
+    Part,
+    Row,
+    Value,
+    caution,
+    commas,
+    fill,
+    grade,
+    largest_value,
+    parts,
+    row,
+    span,
+)
 from avc_casadi.present.rows.assumption_words import why_unused
 from avc_casadi.recommendation.assumptions import Unused, WhyUnused
 from avc_casadi.simulation.population.trial import HandCounts
@@ -155,9 +169,20 @@ def _local_dampers(end: Follower) -> str:  # noqa: ARG001
 
 def pair_of(gains: ToolGains, local: str = "damper in the device's loop") -> tuple[Part, ...]:
     """Return spring and dampers of a coupling to another end."""
-    damper = ("damper B", Value(gains.damping_ns_per_m, "damping")) if gains.damping_ns_per_m else None
-    local_damper = (local, Value(gains.local_damping_ns_per_m, "damping")) if gains.local_damping_ns_per_m else None
-    return commas([("spring K", Value(gains.stiffness_n_per_m, "stiffness")), damper, local_damper])
+    return _pair(gains, Value(gains.stiffness_n_per_m, "stiffness"), local, digits=3)
+
+
+def limit_of_pair(gains: ToolGains) -> tuple[Part, ...]:
+    """Return a coupling at its limit: the spring rounded down, its dampers with one digit more than the spring."""
+    return _pair(gains, largest_value(gains.stiffness_n_per_m, "stiffness"), "damper in the device's loop", digits=4)
+
+
+def _pair(gains: ToolGains, spring: Value, local: str, digits: int) -> tuple[Part, ...]:
+    def damper(name: str, damping_ns_per_m: float) -> tuple[Part, ...] | None:
+        return (name, Value(damping_ns_per_m, "damping", digits)) if damping_ns_per_m else None
+
+    dampers = (damper("damper B", gains.damping_ns_per_m), damper(local, gains.local_damping_ns_per_m))
+    return commas([("spring K", spring), *dampers])
 
 
 def hand(values: Mapping[str, float]) -> tuple[Part, ...]:

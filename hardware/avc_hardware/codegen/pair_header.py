@@ -6,7 +6,7 @@ from functools import singledispatch
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi.claims.judged_for import JudgedFor
-from avc_casadi.model.ends import End, Follower, Simulation, not_known
+from avc_casadi.model.ends import Clock, End, Follower, Simulation, not_known
 from avc_hardware.codegen.c_frame import FRAME, NS_PER_S, comment, comment_lines, head_words, judged_for
 from avc_hardware.codegen.sensor import DRIFT_M, JUMP_M, SENSOR_TYPE, SensorBounds, fade_samples
 
@@ -190,11 +190,18 @@ _USE_OF_FOLLOWER = """\
 _MEASURED = "\n * The follower puts the force with which it presses, as measured, into message.force_n before it sends."
 _USE_OF_ENGINE = """\
  * EXCHANGE, for which this is certified: {exchange}; another one is another loop.
+{clock}
  * In every sample, in this order:
 {order}
  * The tool's numbers, the same until the engine's next step, are the engine's own, in SI units of the scene, with the
  * device's origin and direction. Put the tool where the device is before the first sample: the spring pulls from then
  * on.{solved}"""
+_CLOCKS: dict[Clock, str] = {
+    "own": " * The engine's steps may begin at any time, by a clock of its own.",
+    "device": """\
+ * START EACH STEP OF THE ENGINE FROM THE DEVICE'S LOOP, at a sample, a whole number of samples after the step before.
+ * With steps by a clock of its own this is another loop than the certified one.""",
+}
 _SOLVED = {
     "nothing": "",
     "damper": """
@@ -341,7 +348,12 @@ def _of_engine(tool: Simulation, coupling: Coupling, precision: Precision) -> di
             f"scene: {_keys(vars(scene))}",
             f"[simulation] {_keys(tool.model_dump(exclude_none=True))}",
         ],
-        "use": _USE_OF_ENGINE.format(exchange=comment(tool.exchange + late), order=order, solved=_SOLVED[tool.solved]),
+        "use": _USE_OF_ENGINE.format(
+            exchange=comment(tool.exchange + late),
+            clock=_CLOCKS[tool.clock],
+            order=order,
+            solved=_SOLVED[tool.solved],
+        ),
         "also": _OF_ENGINE.format(silence="{silence}", call=call),
         "threads": _THREADS.format(call=call),
         "defines": _ENGINE_DEFINES.format(
