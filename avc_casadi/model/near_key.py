@@ -70,15 +70,21 @@ def hint_of(table: type[BaseModel], file: KeysOf | None, key: str, value: Any) -
     or a key that is much alike: of this table, then of another one.
     """
     known = [name for name in table.model_fields if name != "name"]
-    meant = _SYMBOLS.get(key.lower(), ROTARY.inner(key))
+    meant = _meant(key)
     if meant in known:
-        turns = key.lower() not in _SYMBOLS and file is not None and file.units == (LINEAR,)
+        turns = meant == ROTARY.inner(key) and file is not None and file.units == (LINEAR,)
         return Hint(f'motion = "rotary" in [device], or {meant}' if turns else meant, meant)
     in_unit = _in_another_unit(known, file, key, value)
     if in_unit is not None:
         return in_unit
     near = _near_of(table, file, key, value)
     return Hint(near, near if near in known else "")
+
+
+def _meant(key: str) -> str:
+    """Return the key that a symbol stands for, with a unit behind it or without; else the linear name of the key."""
+    inner = ROTARY.inner(key)
+    return _SYMBOLS.get(inner.lower().removesuffix(ending_of(inner.lower())), inner)
 
 
 def _in_another_unit(known: list[str], file: KeysOf | None, key: str, value: Any) -> Hint | None:
@@ -118,7 +124,7 @@ def _with_unit(value: Any, unit: str) -> str:
 def _near_of(table: type[BaseModel], file: KeysOf | None, key: str, value: Any) -> str:
     """Return the same key in another table, or a key that is much alike; empty where none is near."""
     known = [name for name in table.model_fields if name != "name"]
-    meant = _SYMBOLS.get(key.lower(), ROTARY.inner(key))
+    meant = _meant(key)
     kind = _kind_of(value)
     of_kind = [name for name in known if (_kind_of_key(table, name) == "table") == (kind == "table")]
     near = _near(key, of_kind, _ALIKE)

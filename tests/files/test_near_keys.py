@@ -75,6 +75,8 @@ def test_a_mistyped_table_leads_to_a_table(name, hint):
         ("environment", "stifness_n_per_m", 1.0, "stiffness_n_per_m"),
         ("law", "sample_time_s", 1e-3, "sample_time_s in [device] or [follower]"),
         ("law", "k", 1.0, "stiffness_n_per_m"),
+        ("law", "k_n_per_m", 1.0, "stiffness_n_per_m"),
+        ("law", "b_ns_per_m", 1.0, "damping_ns_per_m"),
         ("device", "rate_divider", 2, "rate_divider in [law]"),
         ("device", "max_force", 2.0, "max_force_n"),
         ("device", "stiffness_n_per_m", 1.0, ""),
