@@ -442,7 +442,7 @@ def _judge(diagnosis: Diagnosis, law: FittedLaw, fits: Sequence[PlantFit]) -> Di
     mended = candidates
     if not doubts:
         mended = candidates[:1]
-    elif not swings or fit.misfit > _MISFIT_ASSUMED or outside:
+    elif first == OTHER or not swings or fit.misfit > _MISFIT_ASSUMED or outside:
         mended = ()
 
     hypotheses = _to_be_mended(best, answers, fits, log, design)

@@ -67,12 +67,6 @@ _MODE_MASS_RATIOS = (0.1, 0.9)
 _MOST_DAMPING_RATIO = 0.5
 """Largest damping ratio of a resonance that is drawn."""
 
-_SLOWER_THAN_SWING = 3
-"""Frequency of the swing, per frequency up to which motion is slow."""
-
-_SLOW_HZ = (2.5, 40.0)
-"""Frequencies, Hz, between which that limit lies, if it is not above half of the swing's."""
-
 _MODEL_ERROR = 5e-3
 """Share of the swing that no model explains."""
 
@@ -192,8 +186,6 @@ class _Structure:
     """Middle of the prior of each, shape (u,)."""
     spread: FloatArray
     """Its standard deviation, shape (u,)."""
-    slow_hz: float
-    """Frequency up to which motion may be of anything else."""
     most_delay: float
     """Longest delay that is searched, periods."""
     stops: tuple[float, float] | None = None
@@ -203,7 +195,6 @@ class _Structure:
         cls,
         design: IntendedLaw,
         grid: Grid,
-        slow_hz: float,
         unknowns: Sequence[Unknown],
         *,
         hand: bool,
@@ -214,7 +205,7 @@ class _Structure:
         middle = np.array([unknown.middle for unknown in unknowns])
         spread = np.array([unknown.spread for unknown in unknowns])
         most_delay = MOST_DELAY * grid.a_tick
-        return cls(design, grid.period_s, hand, encoder_at, names, middle, spread, slow_hz, most_delay)
+        return cls(design, grid.period_s, hand, encoder_at, names, middle, spread, most_delay)
 
     @property
     def resonant(self) -> bool:
@@ -225,7 +216,7 @@ class _Structure:
     def bounds(self) -> tuple[FloatArray, FloatArray]:
         """Bounds of the unknowns, each of shape (u,)."""
         low, high = self.middle - _BOUND_SPREADS * self.spread, self.middle + _BOUND_SPREADS * self.spread
-        low[0], high[0] = _LEAST_DELAY, self.most_delay
+        low[0], high[0] = max(low[0], _LEAST_DELAY), min(high[0], self.most_delay)
         if self.resonant:
             low[-3:] = [math.log(_MODE_LOWEST_HZ), math.log(_MODE_DAMPING_RATIOS[0]), _MODE_MASS_RATIOS[0]]
             high[-2:] = [math.log(_MODE_DAMPING_RATIOS[1]), _MODE_MASS_RATIOS[1]]
@@ -277,22 +268,25 @@ class _Structure:
         stiffer = (motor + 1 / share) / (motor + 1 / (share + held_share))
         return math.exp(value["mode_frequency"]) * math.sqrt(stiffer)
 
-    def residual(self, point: FloatArray, window: LogWindow) -> FloatArray:
+    def residuals(self, point: FloatArray, windows: Sequence[LogWindow]) -> list[FloatArray]:
+        """Return the residual of the position in each window, m, at a point of the unknowns, shape (u,)."""
+        motion = SampledMotion.of(self.hypothesis(point), self.period_s)
+        return [self._residual(motion, window) for window in windows]
+
+    def _residual(self, motion: SampledMotion, window: LogWindow) -> FloatArray:
         """Return the residual of the position between stops, m, at the ticks that are used.
 
         Projected out is motion that is not of the logged force: free motion from any state, the slow motion of the
         hand, and without a hand a weight that may change.
         """
         n = window.position.size
-        motion = SampledMotion.of(self.hypothesis(point), self.period_s)
         forced = self._forced(motion, window)
         use, columns = window.use, [motion.free(n)]
         if self.stops is not None:
             # After each contact the motion goes on from any state; the contact itself is left out.
             between = np.abs(window.start + window.position - np.mean(self.stops)) <= np.ptp(self.stops) / 2
             use, columns = use & between, _anew(columns[0], between)
-        orders = np.arange(int(2 * self.slow_hz * n * self.period_s) + 2)
-        columns.append(np.cos(np.pi * np.outer(np.arange(n) + 0.5, orders) / n))
+        columns.append(window.slow)
         if not self.hand:
             pushes = (np.ones(n), np.arange(n) / n)
             columns.append(np.stack([motion.response(motion.new + motion.old, push) for push in pushes], axis=1))
@@ -325,8 +319,9 @@ class _Structure:
         """Return the best point from a first one on; each window has the level of its noise, m."""
 
         def weighted(point: FloatArray) -> FloatArray:
-            residuals = [self.residual(point, window) / level for window, level in zip(windows, levels, strict=True)]
-            return np.concatenate([*residuals, (point - self.middle) / self.spread])
+            residuals = self.residuals(point, windows)
+            parts = [residual / level for residual, level in zip(residuals, levels, strict=True)]
+            return np.concatenate([*parts, (point - self.middle) / self.spread])
 
         def slope(point: FloatArray) -> FloatArray:
             # A step relative to an unknown alone would vanish for one that is about 0.
@@ -350,7 +345,7 @@ class _Structure:
 
     def rms(self, point: FloatArray, windows: Sequence[LogWindow]) -> list[float]:
         """Return the residual in each window, root mean square, m."""
-        return [_rms(self.residual(point, window)) for window in windows]
+        return [_rms(residual) for residual in self.residuals(point, windows)]
 
 
 def _anew(free: FloatArray, between: BoolArray) -> list[FloatArray]:
@@ -376,16 +371,15 @@ def _structures(design: IntendedLaw, grid: Grid, lag: float, swing_hz: float, *,
     ]
     held = [*hand, *([] if design.known else device)]
     punctual, late = delays_of(design, grid, lag)
-    slow_hz = min(float(np.clip(swing_hz / _SLOWER_THAN_SWING, *_SLOW_HZ)), swing_hz / 2)
     if resonant:
         mode = mode_unknowns(swing_hz)
         return [
-            _Structure.of(design, grid, slow_hz, [punctual, *unknowns, *mode], hand=with_hand, encoder_at=side)
+            _Structure.of(design, grid, [punctual, *unknowns, *mode], hand=with_hand, encoder_at=side)
             for with_hand, unknowns in ((True, held), (False, device))
             for side in _ENCODER_SIDES
         ]
     return [
-        _Structure.of(design, grid, slow_hz, [delay, *unknowns], hand=with_hand, encoder_at=None)
+        _Structure.of(design, grid, [delay, *unknowns], hand=with_hand, encoder_at=None)
         for with_hand, unknowns in ((True, held), (False, device))
         for delay in (punctual, late)
     ]
@@ -486,7 +480,7 @@ def _fits(task: FitTask, design: IntendedLaw, grid: Grid, lag: float) -> list[Pl
     likeliest = min(trials, key=lambda trial: trial.residual_m)
     least = likeliest.residual_m
     # What the likeliest leaves is noise of the position where it is white, whether it is declared or not.
-    left = np.concatenate([likeliest.structure.residual(likeliest.point, window) for window in windows])
+    left = np.concatenate(likeliest.structure.residuals(likeliest.point, windows))
     if left.size > _WHITE_FROM and samples_alike(left) <= LEAST_ALIKE:
         scatter, noise = max(scatter, least), max(noise, least)
     # Behind stops the acceleration is of a force that is not in the log.
@@ -558,9 +552,10 @@ def _begin(structure: _Structure, windows: Sequence[LogWindow], noise: float) ->
 
 def _levels(trials: Sequence[_Trial], windows: Sequence[LogWindow], noise: float) -> FloatArray:
     """Return the noise of each window, m: the least residual, with as few independent samples as it has."""
+    residuals_of_trials = [trial.structure.residuals(trial.point, windows) for trial in trials]
     levels = []
-    for window in windows:
-        residual = min((trial.structure.residual(trial.point, window) for trial in trials), key=_rms)
+    for of_window in zip(*residuals_of_trials, strict=True):
+        residual = min(of_window, key=_rms)
         levels.append(max(noise, _rms(residual)) * math.sqrt(samples_alike(residual)))
     return np.array(levels)
 

@@ -32,6 +32,12 @@ _WINDOW_MOST = 1500
 _SMOOTH_STEPS = 0.05
 """Encoder steps a tick below which friction has no full sign, as the position does not tell it."""
 
+_SLOWER_THAN_SWING = 3
+"""Frequency of the swing, per frequency up to which motion is slow."""
+
+_SLOW_HZ = (2.5, 40.0)
+"""Frequencies, Hz, between which that limit lies, if it is not above half of the swing's."""
+
 
 @dataclass(frozen=True, eq=False)
 class LogWindow:
@@ -47,6 +53,8 @@ class LogWindow:
     """Sign of the velocity, smoothed, shape (n,)."""
     use: BoolArray
     """Whether each tick is in the log, shape (n,)."""
+    slow: FloatArray
+    """c cosines whose sums are the motion that is slow beside the swing, which may be of anything, shape (n, c)."""
 
 
 def _begin_of(log: Log, swing: Oscillation) -> int:
@@ -77,10 +85,13 @@ def windows_of(log: Log, swing: Oscillation, grid: Grid) -> list[LogWindow]:
     begins = [last, first] if abs(first - last) > size // 3 else [last]
     speed = signal.savgol_filter(log.position_m, 5, 2, deriv=1)
     rub = np.tanh(speed / max(_SMOOTH_STEPS * log.encoder_m, 1e-3 * float(np.std(speed)), 1e-12))
+    slow_hz = min(float(np.clip(swing.frequency_hz / _SLOWER_THAN_SWING, *_SLOW_HZ)), swing.frequency_hz / 2)
+    orders = np.arange(int(2 * slow_hz * size * period) + 2)
+    slow = np.cos(np.pi * np.outer(np.arange(size) + 0.5, orders) / size)
     windows = []
     for begin in begins:
         part = slice(begin, begin + size)
         start = log.position_m[begin]
         past = log.force_n[begin - before : begin + size]
-        windows.append(LogWindow(float(start), log.position_m[part] - start, past, rub[part], log.ran[part]))
+        windows.append(LogWindow(float(start), log.position_m[part] - start, past, rub[part], log.ran[part], slow))
     return windows
