@@ -201,13 +201,15 @@ class Simulation(t.Table, End):
 
     def faults_beside(self, device: Device) -> Iterator[t.Finding]:
         """Yield a step that is shorter than a sample of the device, or that the device's loop cannot start."""
-        if self.step_s[0] < device.sample_time_s * (1 - _ROUNDING):
-            yield ("step_s",), f"is {t.shown(self.step_s)}; {at_least_a_sample(device)}"
+        shortest, longest = self.step_s
+        stated = t.shown(shortest if shortest == longest else self.step_s)
+        if shortest < device.sample_time_s * (1 - _ROUNDING):
+            yield ("step_s",), f"is {stated}; {at_least_a_sample(device)}"
         elif self.clock == "device" and not _all_whole(self.step_s, device.sample_time_s):
             whole = f"a whole number of device.sample_time_s = {t.shown(device.sample_time_s)}"
             yield (
                 ("step_s",),
-                f'is {t.shown(self.step_s)}; allowed: {whole}, as clock = "device"; leave clock out for any step',
+                f'is {stated}; allowed: {whole}, as clock = "device"; leave clock out for any step',
             )
 
 
