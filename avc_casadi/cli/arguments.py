@@ -175,7 +175,7 @@ RANGES: dict[str, NumericRange] = {
     "--seed": NumericRange(0, 2**63 - 1, whole=True),
     "--speed-m-per-s": NumericRange(1e-9, 1e4, "m/s"),
     "--speed-rad-per-s": NumericRange(1e-9, 1e6, "rad/s"),
-    "--tolerance": NumericRange(1e-15, 1.0),
+    "--tolerance": NumericRange(1e-14, 1.0),  # as `design.methods`
     "--torque-nm": NumericRange(1e-9, 1e6, "N.m"),
     "--travel-m": NumericRange(1e-9, 100.0, "m"),
     "--travel-rad": NumericRange(1e-9, 1e4, "rad"),

@@ -131,6 +131,9 @@ def judged_as_recommended(
     versions: Mapping[str, str] | None = None,
     progress: Progress = SILENT,
 ) -> WallRecommendation:
-    """Return the gains of a method certified and tried by hands, as `recommend` does its own, whatever the verdict."""
+    """Return the gains of a method, whatever the verdict: certified, and tried by hands that press, tap and hold.
+
+    The strikes, the loose grips and the second hands of `recommend` are left out.
+    """
     refuse_counts(hands_count(hands))
     return judged(Coupling.from_schedule(problem, gains, versions=versions), gains, hands, progress)

@@ -158,8 +158,13 @@ def judged(coupling: Coupling, schedule: GainSchedule, hands: int, progress: Pro
     beyond = unmodelled_trials(coupling)
     limit = stiffest_wall(PlantFamily.of(problem)).stiffness_n_per_m
     nothing = nothing_rendered(problem, coupling.static_stiffness_n_per_m, tried)
-    shortfall = nothing or unmet_requirements(beyond, by_friction=False)
-    refused = Decision.REQUIREMENT_UNMET if shortfall else Decision.CLAIM_FAILS
+    unmet = unmet_requirements(beyond, by_friction=False)
+    if nothing is not None:
+        decision = Decision.NOTHING_RENDERED
+    elif unmet is not None:
+        decision = Decision.REQUIREMENT_UNMET
+    else:
+        decision = Decision.DEPLOYABLE if claims.passed else Decision.CLAIM_FAILS
     return WallRecommendation(
         problem=problem,
         coupling=replace(coupling, certificate=certificate, trial=tried),
@@ -167,11 +172,11 @@ def judged(coupling: Coupling, schedule: GainSchedule, hands: int, progress: Pro
         claims=claims,
         perturbed_devices=try_perturbed_devices(coupling, 0),
         unmodelled_effects=beyond,
-        decision=Decision.DEPLOYABLE if claims.passed and shortfall is None else refused,
+        decision=decision,
         rest=rest,
         limits=WallLimits(limit),
         sensitivities=what_would_help(problem),
-        why=AsRequested(schedule.method, shortfall, claims),
+        why=AsRequested(schedule.method, nothing or unmet, claims),
         assumed=assumed(problem),
         not_used=not_used(problem),
         damped_wall=damped_wall(coupling),

@@ -66,7 +66,7 @@ def test_a_whole_number_keeps_all_its_digits():
         ("monitor --port emulator --seconds inf", "0.001 to 1000000 s"),
         ("trial c.json --seed -1", "0 to 9.22337203685e+18"),
         ("explore p.toml --port 70000", "whole number: 0 to 65535"),
-        ("solve figure5 --tolerance 0", "finite number above 0: 1e-15 to 1"),
+        ("solve figure5 --tolerance 0", "finite number above 0: 1e-14 to 1"),
     ],
 )
 def test_the_error_states_the_range(arguments, message, capsys):

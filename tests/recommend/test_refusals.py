@@ -10,6 +10,11 @@ from quick import first
 
 import avc_casadi as avc
 from avc_casadi.cli import main
+from avc_casadi.coupling import Coupling
+from avc_casadi.model.gains import Gains
+from avc_casadi.present.rows.recommend import rows_of
+from avc_casadi.recommendation.recommend import judged_as_recommended
+from avc_casadi.recommendation.recommendation import Decision
 from avc_casadi.recommendation.refusals import no_press_renders
 
 KNOB = """
@@ -54,6 +59,17 @@ def test_check_and_recommend_refuse_a_knob_that_no_hand_presses_in_its_own_keys(
 
 def test_a_knob_that_hands_press_is_not_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert "Not deployable" not in said(KNOB.format(friction=0.01, limit=0.3), tmp_path, capsys, "check")
+
+
+def test_gains_that_no_hand_presses_are_refused_for_rendering_nothing() -> None:
+    problem = avc.load_problem("soft").changed(
+        device={"coulomb_friction_n": 20.0, "max_force_n": 10.0}, environment={"stiffness_n_per_m": 500.0}
+    )
+    gains = Coupling.constant(problem, Gains(10.0, 1e3), "mine").schedule
+    found = judged_as_recommended(problem, gains, hands=4)
+    assert found.decision is Decision.NOTHING_RENDERED
+    rendered = next(shown for shown in rows_of(found) if shown.label == "Rendered")
+    assert "dry friction" in rendered.text(problem.units)
 
 
 @pytest.mark.parametrize(
