@@ -29,7 +29,8 @@ from avc_casadi.simulation.population.trial import CouplingTrial
 BAND_HZ = np.geomspace(1.0, 30.0, 40)
 """Band of hand motion and perception."""
 NOTICED_ERROR = 0.1
-"""Difference of stiffness or damping that is just noticed (Jones and Hunter, Perception and Psychophysics 1990)."""
+"""Impedance error that counts as noticed: stricter than the 23 % for stiffness of Jones and Hunter (Exp. Brain Res. 79,
+1990)."""
 # Settling time after release below which no difference is noticed; twice as long counts as an error of 0.35, and
 # stiffness at rest as a fifth of the same share in motion.
 _AT_ONCE_S = 0.5
@@ -40,7 +41,7 @@ _LEAST_SHARE = 1e-9  # of the wall's stiffness: a coupling of none counts as one
 _AS_STIFF = 0.01
 _SLOW = 0.95
 UNNOTICED = 0.2
-"""Impedance error of a hand's motion that it does not notice: a just noticeable difference is 23 %."""
+"""Largest impedance error of a convincing wall, below those 23 %."""
 MOVING_HZ = (1.0, 3.0, 10.0)
 """Motion of a hand, slow and as fast as it goes."""
 # Share of the hands below the vibration threshold that suffices: a stiff wall is kept despite a few light hands.
