@@ -46,7 +46,8 @@ _QUESTIONS = {
 }
 _EPILOG = """\
 A problem P is a problem file, or the name of a built-in problem (avc list).
-Exit codes: 0 success; 1 negative verdict (such as not deployable); 2 bad input; 130 interrupted.
+Exit codes: 0 success; 1 negative verdict (such as not deployable); 2 bad input; 70 internal error;
+130 interrupted (Ctrl-C); 141 closed pipe; 143 ended (SIGTERM).
 Start with: avc run figure5
 """
 _WIDTH = 100

@@ -29,7 +29,10 @@ if TYPE_CHECKING:
     from avc_casadi.present.rows.deploy import PushOutcome
 
 _STIFFEST = "find the stiffest wall (within a fifth) that this device renders well at 1 to 10 Hz"
-_HANDS = f"set the number of simulated hands (default: {cli.RECOMMENDED_HANDS})"
+_HANDS = (
+    "try each candidate with N simulated hands, and the best coupling to a wall with 2N more "
+    f"(default: {cli.RECOMMENDED_HANDS})"
+)
 _SOLVER = "choose the solver of `direct`: sqpmethod-qrqp (default), sqpmethod, ipopt, or another nlpsol plugin"
 _MINE = "add your own constant gains: stiffness in N/m and damping in N.s/m, such as 7000,10"
 

@@ -33,7 +33,8 @@ _SOFTER = (0.9, 0.75, 0.6, 0.45, 0.33, 0.24, 0.15)
 _SOFTER_LAWS = (0.6, 0.36, 0.22, 0.13)
 # Distance from the wall beyond which something softer may be nearer.
 _FAR = 0.5
-# Factors on disk margin, noise gain and distance of the dead zone's loop from 0, one step after another.
+# Factors on disk margin, noise gain and distance of the dead zone's loop from 0. Each step multiplies the goals of the
+# step before.
 _STRICTER = (
     (1.0, 0.8, 1.0),
     (1.0, 0.75, 1.0),
@@ -152,25 +153,26 @@ def softened(problem: Problem, rendered_n_per_m: float) -> Iterator[Coupling]:
     yield from sorted(alike, key=impedance_error)
 
 
-def judge_laws(problem: Problem, evaluator: Evaluator, rendered_n_per_m: float, least: float = math.inf) -> None:
-    """Judge laws at a stiffness, each with ever wider dead zones; for stricter goals until a complete one is passive.
+def judge_laws(problem: Problem, evaluator: Evaluator, rendered_n_per_m: float, error_below: float = math.inf) -> None:
+    """Judge laws at a stiffness, each with ever wider dead zones; for stricter goals until a complete one is calm.
 
-    A law that is complete and throws a hand off faster than it came is kept, and calmer ones are tried.
+    A calm law does not throw a hand off faster than it came. A law that is complete and not calm is kept, and laws for
+    stricter goals are tried. Laws with at least the impedance error `error_below` are not tried.
     """
-    for answers in laws(problem, rendered_n_per_m) if least > 0 else ():
-        nearer = [answer for answer in answers if answer.performance.error < least]
+    for answers in laws(problem, rendered_n_per_m) if error_below > 0 else ():
+        nearer = [answer for answer in answers if answer.performance.error < error_below]
         if not nearer:
             break
-        passive = False
+        calm = False
         for answer in sorted(nearer, key=lambda answer: answer.performance.error):
             error = answer.performance.error
-            candidate = evaluator.first_complete(with_widths(answer.coupling)) if error < least else None
+            candidate = evaluator.first_complete(with_widths(answer.coupling)) if error < error_below else None
             if candidate is not None:
-                passive = passive or candidate.rebound_excess <= 0
+                calm = calm or candidate.rebound_excess <= 0
                 # Another law is nearer only if it has less error than this one and its prices on settling leave it.
-                least = min(least, error + candidate.distance - candidate.error)
-                least = 0.0 if candidate.distance < 2 * NOTICED_ERROR else least
-        if passive:
+                error_below = min(error_below, error + candidate.distance - candidate.error)
+                error_below = 0.0 if candidate.distance < 2 * NOTICED_ERROR else error_below
+        if calm:
             break
 
 

@@ -122,8 +122,8 @@ class Evaluator:
         self.considered += 1
         expected = max(USUAL_COUPLINGS, self.considered + 1)
         self._progress.advance(self.considered - 1, expected, f"couplings, {coupling.method}")
-        off = math.isfinite(self._within) and error_in_motion(coupling) > self._within
-        if off or not deployable(coupling).passed:
+        too_far = math.isfinite(self._within) and error_in_motion(coupling) > self._within
+        if too_far or not deployable(coupling).passed:
             return None
         candidate = Candidate(coupling, self._trial(coupling, self._hands.pick(slice(FIRST))), self.considered)
         if candidate.safety <= self._required and len(self._hands) > FIRST:
@@ -136,7 +136,7 @@ class Evaluator:
     def _tried_beyond(self, coupling: Coupling) -> tuple[BoolArray, ...]:
         """Return which hands of each group settle beyond the trial, until too few of one do.
 
-        Corner hands strike first, then loose grips, then for a law devices off the file, then each unmodelled effect.
+        Corner hands strike first, then loose grips, then for a law perturbed devices, then each unmodelled effect.
         """
         # A loop that is stable at full gain need not be at the lower one of a force that is clipped.
         struck = residual_speeds(coupling, self._corners, ("strike", "hit", "slam")) < 1
@@ -146,23 +146,23 @@ class Evaluator:
         if loose.mean() < 1 - _FEW:
             return struck, loose
         if coupling.runtime.state_feedback is not None:
-            known_too_well = self._tried_off_the_file(coupling)
-            if known_too_well is not None:
-                return struck, known_too_well
+            on_perturbed = self._tried_on_perturbed(coupling)
+            if on_perturbed is not None:
+                return struck, on_perturbed
         return struck, *(group.settles(coupling, friction=self._lean) for group in self._beyond)
 
-    def _tried_off_the_file(self, coupling: Coupling) -> BoolArray | None:
-        """Return which hands settle where a device differs from its file, if too few do; None where enough do.
+    def _tried_on_perturbed(self, coupling: Coupling) -> BoolArray | None:
+        """Return which hands settle on perturbed devices, if too few do; None where enough do.
 
-        A law knows its device. It must bear one with more friction, and devices a tenth off with the declared friction.
+        A law knows its device. It must bear one with more friction, and those a tenth off with the declared friction.
         """
         if self._with_more_friction.coulomb_friction_n > 0:
             speeds = residual_speeds(coupling, self._corners, ("press", "strike"), device=self._with_more_friction)
             if (speeds >= 1).any():
                 return np.asarray(speeds < 1)
-        off = try_perturbed_devices(coupling, self._seed)
-        if off is not None and off.trial.stable.mean() < 1 - _FEW:
-            return off.trial.stable
+        perturbed = try_perturbed_devices(coupling, self._seed)
+        if perturbed is not None and perturbed.trial.stable.mean() < 1 - _FEW:
+            return perturbed.trial.stable
         return None
 
     def first_complete(self, couplings: Iterable[Coupling]) -> Candidate | None:
@@ -271,10 +271,10 @@ def unmet_requirements(trials: tuple[UnmodelledTrial, ...], *, by_friction: bool
 
 @dataclass(frozen=True)
 class PerturbedDevices(Document):
-    """Result of a trial with model mismatch; no claim is made for it."""
+    """Result of a trial on perturbed devices; no claim is made for it."""
 
     keys: tuple[str, ...]
-    trial: CouplingTrial  # of the corner hands, each on every device
+    trial: CouplingTrial  # of 16 hands, the corners first, each on every device
     unstable: int  # devices on which the linear loop is not stable, though hands may settle
 
     def document(self) -> dict[str, Any]:
@@ -284,7 +284,7 @@ class PerturbedDevices(Document):
 
 
 def try_perturbed_devices(coupling: Coupling, seed: int = 0) -> PerturbedDevices | None:
-    """Return a trial of hands on devices a tenth off the file with which the loop is the least stable; None if none."""
+    """Return a trial of hands on the perturbed devices with which the loop is the least stable; None if none."""
     devices, radii = least_stable_devices(coupling)
     if not devices:
         return None

@@ -26,8 +26,8 @@ from avc_casadi.recommendation.reasons import (
 from avc_casadi.recommendation.rendered import NOTICED_LATE_S, frequency_sweep, leaving_contact, rebound
 from avc_casadi.simulation.population.trial import CouplingTrial
 
-BAND_HZ = np.geomspace(1.0, 30.0, 40)
-"""Band of hand motion and perception."""
+SWEEP_HZ = np.geomspace(1.0, 30.0, 40)
+"""Frequencies of the ranking's impedance error: 40 from 1 to 30 Hz (the design uses 12)."""
 NOTICED_ERROR = 0.1
 """Impedance error that counts as noticed: stricter than the 23 % for stiffness of Jones and Hunter (Exp. Brain Res. 79,
 1990)."""
@@ -37,8 +37,9 @@ _AT_ONCE_S = 0.5
 _PER_SETTLING = 0.5
 _PER_SOFTER = 0.2
 _LEAST_SHARE = 1e-9  # of the wall's stiffness: a coupling of none counts as one of this share
-# Share within which stiffnesses are equal; and of the static one at the end of a press, below which the latter counts.
+# Stiffnesses within this share are equal.
 _AS_STIFF = 0.01
+# A press that ends below this share of the static stiffness counts instead of it.
 _SLOW = 0.95
 UNNOTICED = 0.2
 """Largest impedance error of a convincing wall, below those 23 %."""
@@ -79,7 +80,10 @@ class Candidate:
 
     @property
     def withstands(self) -> bool:
-        """Whether all hands settle on the required perturbed devices, if any."""
+        """Whether all hands settle in every trial of `beyond`.
+
+        They are strikes, then loose grips, perturbed devices or unmodelled effects.
+        """
         return all(bool(rests.all()) for rests in self.beyond)
 
     @property
@@ -128,7 +132,10 @@ class Candidate:
 
     @cached_property
     def rebound_excess(self) -> float:
-        """By how much a light touch comes back faster than it came, over the speed of arrival; passive at 0 or less."""
+        """By how much a light touch comes back faster than it came, over the speed of arrival.
+
+        At 0 or less it does not rebound faster.
+        """
         return max(rebound(self.coupling, at_face=True).values()) - 1
 
     @cached_property
@@ -153,7 +160,7 @@ class Candidate:
 def impedance_error(coupling: Coupling) -> float:
     """Return the largest error of the impedance at the handle from 1 to 30 Hz, of small motions in contact."""
     problem = coupling.problem
-    hz = below_quarter_rate(problem.device, BAND_HZ)
+    hz = below_quarter_rate(problem.device, SWEEP_HZ)
     z = np.exp(2j * np.pi * hz * problem.device.sample_time_s)
     force = law_at_rest(coupling).transfer(z)
     wanted, size = target_impedance(problem, hz)

@@ -80,7 +80,8 @@ def recommend(  # noqa: PLR0913 - options by name, of a public call
 
     Args:
         problem: a problem with a wall, a [simulation] or a [follower]; or its file, or a name of the catalogue.
-        hands: number of simulated hands; the extreme hands of [hands] are among them.
+        hands: number of simulated hands that try each candidate; the extreme hands of [hands] are among them. Twice as
+            many new hands try the best coupling to a wall.
         seed: seed of the hands that are drawn.
         stiffest: take the stiffest wall, without a damper, that is rendered within 20 % from 1 to 10 Hz (walls only).
         lean_on_friction: accept couplings that settle only by the declared dry friction (walls only).

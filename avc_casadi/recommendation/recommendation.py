@@ -285,9 +285,9 @@ class WallRecommendation(_ToWall, Recommendation):
         rest: limit-cycle freedom with every hand, making and breaking contact.
         limits: what limits a coupling to this wall.
         confirmed: result with hands of [hands] outside the selection; None of gains that were not selected.
-        perturbed_devices: result of the corner hands on devices perturbed by a tenth; None where every value of the
-            device has a range.
-        unmodelled_effects: results with one unmodelled effect each: lighter device, missed samples, extra resonance.
+        perturbed_devices: result of 16 hands, the corners first, on devices perturbed by a tenth; None where every
+            value of the device has a range.
+        unmodelled_effects: results with one unmodelled effect each: lighter device, missed samples, another grip.
         trade_off: what a disk margin costs, at four of them; empty where that was not asked for.
         damped_wall: what a damper of the wall would change; None where the coupling does not ring, or nothing helps.
     """

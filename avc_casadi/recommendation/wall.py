@@ -76,11 +76,11 @@ class WallDesign:
     def recommendation(self, best: Candidate) -> WallRecommendation:
         """Return the answer with a coupling: certificate, trials beyond the file, limits, and why it is the best."""
         request, problem = self.request, self.problem
-        mismatched = self._crew.begin(partial(try_perturbed_devices, best.coupling, request.seed))
+        perturbed = self._crew.begin(partial(try_perturbed_devices, best.coupling, request.seed))
         unmodelled = self._crew.begin(partial(unmodelled_trials, best.coupling, request.seed))
         certificate = certify_deployed(best.coupling, request.progress, prove=request.prove)
         certificate, rest = with_rest(certificate, best.coupling, request.progress)
-        off, beyond = mismatched(), unmodelled()
+        perturbed_devices, beyond = perturbed(), unmodelled()
         decision, shortfall = _shortfall(
             problem, best, beyond, by_friction=request.lean_on_friction or best.safety is Safety.BY_FRICTION
         )
@@ -90,7 +90,7 @@ class WallDesign:
             trial=best.trial,
             claims=certificate.verdict,
             confirmed=best.others,
-            perturbed_devices=off,
+            perturbed_devices=perturbed_devices,
             unmodelled_effects=beyond,
             decision=decision,
             rest=rest,

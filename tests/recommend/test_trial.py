@@ -163,7 +163,7 @@ def test_a_wall_that_only_a_hand_holds_is_told_to_be_unstable_let_go():
     assert sum(expected) > 0
 
 
-def test_devices_off_the_file_are_the_least_stable_of_the_corners():
+def test_perturbed_devices_are_the_least_stable_of_the_corners():
     """Each number a tenth off; none of the others has a larger radius, by the poles of another code."""
     problem = before(WALL_N_PER_M)
     coupling, values = rigid(problem), linear_values(problem.device)

@@ -93,7 +93,7 @@ def _stability(recommended: WallRecommendation) -> Row:
     if failed:
         return row("Stability", failed[0].sentence, mark=Mark.FAIL)
     rest = recommended.rest.word
-    text = f"linearly stable with the extreme hands of the range and released; {_CYCLES[rest]}"
+    text = f"linearly stable with every hand of the range (by search) and released; {_CYCLES[rest]}"
     return row("Stability", text, mark=grade(rest != "refuted", Mark.CAUTION))
 
 
@@ -289,7 +289,7 @@ def _simulated(recommended: WallRecommendation) -> list[Row]:
         )
         mark = subject.settled(counts, doubt=bool(unstable))
         doubt = ("; linearly unstable on", count(unstable)) if unstable else None
-        rows.append(row("Model mismatch", _settle(counts), devices, doubt, mark=mark))
+        rows.append(row("Perturbed devices", _settle(counts), devices, doubt, mark=mark))
     return rows
 
 
