@@ -119,7 +119,7 @@ class Decay(Condition):
     weight = 0.6
     tolerance = 0.03
     near = 0.6  # poles that decay this much faster than required are left out
-    slowest_modulus = 0.5  # faster poles end within some samples whatever is required
+    least_modulus = 0.5  # faster poles end within some samples whatever is required
 
     def worst(self, loops: LawLoops) -> float:
         """Return the largest value."""
@@ -142,7 +142,7 @@ class Decay(Condition):
         sector = SECTOR_GAINS[row]
         poles = loops.poles[row]
         ratios = loops.decay_ratios[row]
-        chosen = (ratios < 1 + self.near) & (poles.imag >= 0) & (np.abs(poles) > self.slowest_modulus)
+        chosen = (ratios < 1 + self.near) & (poles.imag >= 0) & (np.abs(poles) > self.least_modulus)
         if not chosen.any():
             return Linearised(np.zeros(0), np.zeros((0, len(loops.gain))))
         plants = loops.plants_at(sector).pick(np.nonzero(chosen)[0])
@@ -170,7 +170,7 @@ class Decay(Condition):
 
 @dataclass(frozen=True, eq=False)
 class PerturbedDecay(Condition):
-    """v = (required - decay)/scale for every pole with plants a little off the file: they are to be stable, no more.
+    """v = (required - decay)/scale for every pole with perturbed plants: they are to be stable, no more.
 
     The program adds the plants at which a law is unstable, a few at a time (`program.Program.withstanding`).
     """
@@ -297,9 +297,9 @@ class ClipPhase(Condition):
     def linearised(self, loops: LawLoops, reach: float) -> Linearised:
         """Return v = |phase of 1 - G| - largest, rad, where a step may raise it to 0, with its slopes by the gain L.
 
-        G is the loop that a clipped force closes. 1 - G = Phi D/(O A): Phi the closed loop, O/A the return difference
-        of the observer alone, D/A that of the feedback, which L does not change. As d phase(a/b) = Im(da/a - db/b), dv
-        = sign(phase) Im(dPhi/Phi - d(O/A)/(O/A)).
+        G is the loop that a clipped force closes. 1 - G = Phi D/(O Q): Phi the closed loop, O/Q the return difference
+        of the observer alone, D/Q that of the feedback, which L does not change. As d phase(a/b) = Im(da/a - db/b), dv
+        = sign(phase) Im(dPhi/Phi - d(O/Q)/(O/Q)).
         """
         values = np.abs(loops.clip_phases) - self.largest_rad
         chosen = values > -self.near - reach

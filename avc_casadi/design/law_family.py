@@ -69,7 +69,7 @@ def required_decay_per_s(device: Device, hz: FloatArray, sector: SectorGain) -> 
     """Return the decay d(f) that poles at frequencies f must have, 1/s: fast + (slow - fast)/(1 + (f/4 Hz)^4).
 
     slow = 10/s for slow motion; fast = 4/s + 0.05 b/m for vibrations, 5/s at most, with b/m the decay of the device
-    itself. A sector gain multiplies either by its own share.
+    itself. `fast_decay` and `slow_decay` of the sector gain multiply them.
     """
     device_decay_per_s = device.damping_ns_per_m / device.mass_kg
     fast_per_s = min(_MOST_FAST_DECAY_PER_S, _FAST_DECAY_PER_S + _FAST_PER_DEVICE_DECAY * device_decay_per_s)
@@ -91,10 +91,10 @@ class FrequencyRows:
 class ErrorRows:
     """Impedance error as a ratio of affine functions of L: |E_n|/|E_d|, with rows (frequencies, n) and constants.
 
-    The impedance at the handle with a law C is Z = (z_0 + p C)/(1 + q C). With Z_w that of the wall and
-    S = max(|Z_w|, |Z_e|), multiplied by (1 + Y L)(1 + q C):
+    The impedance at the handle with a law C is Z_h = (z_0 + p C)/(1 + q C). It is compared with Z, device and physical
+    wall as one body, and Z_e, the wall alone. With S = max(|Z|, |Z_e|), multiplied by (1 + Y L)(1 + q C):
 
-        E_n = (z_0 - Z_w)(1 + Y L) + (p - Z_w q) X L        E_d = S ((1 + Y L) + q X L)
+        E_n = (z_0 - Z)(1 + Y L) + (p - Z q) X L        E_d = S ((1 + Y L) + q X L)
     """
 
     deviation: ComplexArray
@@ -110,12 +110,12 @@ class ErrorRows:
 
 @dataclass(frozen=True)
 class Performance:
-    """What a law reaches over all hands and devices."""
+    """What a law reaches: the error on the nominal device, everything else over all hands and devices."""
 
     error: float
     """Largest |Z_h - Z|/max(|Z|, |Z_e|) from 1 to 30 Hz, Z of device and physical wall, Z_e of the wall."""
     disk_margin: float
-    """2/max |(1 - L)/(1 + L)| of the loop L at the actuator, with a hand or released."""
+    """2/max |(1 - P C)/(1 + P C)| at the actuator, with a hand or released."""
     noise_n_per_m: float
     """Largest force over a sine of encoder noise."""
     clip_phase_cosine: float
@@ -132,14 +132,14 @@ class Performance:
 
 
 LEAST_CLIP_PHASE_COSINE = 0.05
-"""Of half the phase that a clipped force leaves before a lower gain of the clip is unstable: 6 degrees."""
+"""Least cosine of half the phase of 1 - G: the phase is at most 174 degrees, 6 short of a negative real number."""
 
 
 class LawFamily:
     """All laws of one structure on a problem: every corner of the device's ranges and of the hands, and released."""
 
     def __init__(self, problem: Problem, structure: Structure) -> None:
-        """Compute at each frequency of the grids by which rows of the gain L the loops depend on it.
+        """Compute the rows that multiply the gain L in each loop, at each frequency of the grids.
 
         Args:
             problem: device and wall; its ranges are judged at their corners, with every hand and released.
@@ -162,7 +162,7 @@ class LawFamily:
 
     @cached_property
     def perturbed(self) -> PlantMatrices | None:
-        """Plants a little off the file, with every hand and released; None where every value has a range."""
+        """Plants of perturbed devices, with every hand and released; None where every value has a range."""
         if not perturbed_devices(self.problem):
             return None
         held, released = PlantMatrices.held_and_released(perturbed_plants(self.problem))
@@ -190,8 +190,8 @@ class LawFamily:
     def error_rows(self, hz: FloatArray) -> ErrorRows:
         """Return the impedance error |E_n|/|E_d| at frequencies as affine functions of the gain L, see `ErrorRows`.
 
-        With a law C, force over position in N/m, the impedance at the handle is Z = (z_0 + p C)/(1 + q C). z_0, p and
-        q, one each at each frequency, follow from Z with three laws: none, a spring k, and j k, a spring turned by 90
+        With a law C, force over position in N/m, the impedance at the handle is Z_h = (z_0 + p C)/(1 + q C). z_0, p and
+        q, one each at each frequency, follow from Z_h with three laws: none, a spring k, and j k, a spring turned by 90
         degrees.
         """
         device, k = self.problem.device, self.structure.stiffness_n_per_m
@@ -274,14 +274,14 @@ class LawLoops:
 
     @cached_property
     def observer_difference(self) -> ComplexArray:
-        """O/A, the return difference of the observer alone, (frequencies,)."""
+        """O/Q, the return difference of the observer alone, (frequencies,)."""
         return np.asarray(1 + self.family.observer @ self.gain)
 
     @cached_property
     def clip_phases(self) -> FloatArray:
-        """Phase of 1 - G = Phi D/(O A), G the loop that a clipped force closes, (plants, frequencies), rad.
+        """Phase of 1 - G = Phi D/(O Q), G the loop that a clipped force closes, (plants, frequencies), rad.
 
-        D/A is the return difference of the feedback and O/A that of the observer. The loop is stable at the gain 1, so
+        D/Q is the return difference of the feedback and O/Q that of the observer. The loop is stable at the gain 1, so
         it is at each lower gain g where 1 - G is no negative number above 1 - 1/g. The phase is 0 where |1 - G| is so
         large that only gains below those of `SECTOR_GAINS` matter: there the hand alone decides.
         """

@@ -1,6 +1,6 @@
 """Observer laws: a Kalman filter with an assumed hand and a linear regulator to begin with, and what stays fixed of it.
 
-The observer models both bodies, amplifier, delay and its own commanded force; the hand's force is a random-walk
+The observer models motor and handle, amplifier, delay and its own commanded force; the hand's force is a random-walk
 disturbance. The regulator drives the device to the equilibrium of wall and estimated disturbance, so that the static
 stiffness is exactly the wall's.
 """
@@ -24,11 +24,15 @@ from avc_casadi.model.runtime import MOST_STATES, StateFeedback
 
 @dataclass(frozen=True)
 class Guess:
-    """Weight of a regulator, noises of its filter as forces, and the hand that it assumes."""
+    """Weight of a regulator, noises of its filter as forces, and the hand that it assumes.
+
+    The unit of the noises is m/T^2 times the encoder's noise, m the mass of the device with the lightest hand. Below a
+    sample time of 1 ms the noise of the push is multiplied by (T/1 ms)^3, that of the force on the motor by (T/1 ms)^2.
+    """
 
     velocity: float  # weight, in units of sqrt(K m)
     walk: float  # noise of the push
-    motor: float  # noise of the force on the motor
+    motor: float  # noise of the motor's force
     hand_mass: float  # mass, damping and stiffness of the hand, over the middles of their ranges
     hand_damping: float
     hand_stiffness: float
@@ -39,14 +43,18 @@ GUESSES = (
     Guess(velocity=4.2, walk=0.0036, motor=0.17, hand_mass=0.083, hand_damping=2.2, hand_stiffness=2.0),
     Guess(velocity=0.33, walk=0.0026, motor=0.38, hand_mass=0.24, hand_damping=4.7, hand_stiffness=7.9),
 )
-"""The best of some 100 on 54 drawn devices: two dampers behind slow filters, and a spring."""
-# Relative to the weight of the force. A regulator much stiffer than its wall is unstable at the lower gain of a clipped
-# force.
+"""The best of some 100 on 54 drawn devices: two weigh the velocity much, and one weighs it little."""
 _POSITION_WEIGHT = 1.1
+"""Weight of the position, relative to that of the force.
+
+A regulator much stiffer than its wall is unstable at the lower gain of a clipped force.
+"""
 _HANDLE_NOISE = 0.2
-# The observer's mode: its frequency over the declared one, and its damping ratio. A lower frequency is safer.
+"""Noise of the force on the handle, in the unit of `Guess.motor`; chosen with the guesses, on the same devices."""
 _MODE_FREQUENCY = 0.9
+"""Frequency of the observer's mode over the declared one; chosen with the guesses. A lower frequency is safer."""
 _MODE_DAMPING = 0.1
+"""Damping ratio of the observer's mode."""
 _REGULARISATION = 1e-9  # weight and noise of states that have none
 _SHORTEST_FILTER_S = 1e-3  # at shorter sample times the filter is as fast in seconds, at longer ones in samples
 _LEAST_HAND = {"mass_kg": 0.01, "damping_ns_per_m": 1.0, "stiffness_n_per_m": 10.0}
@@ -54,13 +62,15 @@ WIDTHS = (1.0, 1.25, 1.5, 2.0, 3.0)
 """Half widths of the dead zone to choose from, in steps of the coarsest encoder."""
 # Without a trial: with it nearly all hands came to rest on the devices where that takes most.
 _USUAL_WIDTH = 1.5
-# Range of late positions at which the dead zone opens, and is open, in half widths; for so long it is remembered, and
-# so it is smoothed: encoder steps sustain 15 to 200 Hz, a hand moves at 10 Hz at most. Chosen by a study of devices
-# drawn at random (tests/benchmarks/RESULTS_dead_zone.md).
-_OPENS = 1.0
-_OPEN = 4.0
+# A study of devices drawn at random chose the next four (tests/benchmarks/RESULTS_dead_zone.md).
+_BEGINS_TO_OPEN = 1.0
+"""Range of recent positions, in half widths, from which the dead zone begins to open."""
+_FULLY_OPEN = 4.0
+"""Range of recent positions, in half widths, from which the dead zone is fully open."""
 _MEMORY_S = 0.6
+"""Time constant with which the range of recent positions fades, s."""
 _SMOOTHED_HZ = 15.0
+"""Corner of the lag before the range: encoder steps sustain 15 to 200 Hz, a hand moves at 10 Hz at most."""
 
 
 def _assumed_hand(guess: Guess, device: Device, hands: Hands) -> Hand:
@@ -95,14 +105,14 @@ def regulator(device: Device, hands: Hands, stiffness_n_per_m: float, guess: Gue
     model = _Model.of(device, hand, mode, stiffness_n_per_m)
     unit = light_kg / t**2 / stiffness_n_per_m
     forces = unit * faster**2 * guess.motor, unit * faster**2 * _HANDLE_NOISE
-    innovation = model.innovation(unit * faster**3 * guess.walk, forces)
+    kalman_gain = model.kalman_gain(unit * faster**3 * guess.walk, forces)
     feedback = model.feedback(_POSITION_WEIGHT, guess.velocity * math.sqrt(light_kg / stiffness_n_per_m) / t)
     positions = tuple(place for place, name in enumerate(model.names) if name.endswith("_position_m"))
     # The push is counted from that which holds the handle where it is: a law starts at rest, with positions alone.
     to = np.eye(len(model.push))
     to[-1, model.measured] = -hand.stiffness_n_per_m / stiffness_n_per_m
     back = np.linalg.inv(to)
-    parts = to @ model.state @ back, to @ model.push / stiffness_n_per_m, to @ innovation, feedback @ back
+    parts = to @ model.state @ back, to @ model.push / stiffness_n_per_m, to @ kalman_gain, feedback @ back
     return _law(device, parts, positions, model.measured)
 
 
@@ -112,11 +122,11 @@ def _law(device: Device, parts: tuple[FloatArray, ...], positions: tuple[int, ..
     Its step is s+ = A (s + L innovation) + B force, its force K R (s + L innovation), K the stiffness of the wall.
     """
     # In single precision, as on the device: what is judged is what runs.
-    state, force, innovation, feedback = (part.astype(np.float32).astype(np.float64) for part in parts)
+    state, force, gain, feedback = (part.astype(np.float32).astype(np.float64) for part in parts)
     law = StateFeedback(
         state=tuple(map(tuple, state.tolist())),
         force_m_per_n=tuple(force.tolist()),
-        innovation=tuple(innovation.tolist()),
+        innovation=tuple(gain.tolist()),
         feedback=tuple(feedback.tolist()),
         positions=positions,
         measures=measures,
@@ -127,15 +137,16 @@ def _law(device: Device, parts: tuple[FloatArray, ...], positions: tuple[int, ..
 def with_dead_zone(law: StateFeedback, device: Device, steps: float) -> StateFeedback:
     """Return the law with another half width of its dead zone, in steps of the coarsest encoder; none without steps.
 
-    The wall's face is not shifted: a hand that presses opens the dead zone, so that there is no lag to balance.
+    The wall's face is not shifted: a hand that presses opens the dead zone, so that there is no lag to balance. Only
+    coupling files of 0.3.0 have another `face_m` than 0.
     """
     known, t = device.range.encoder_resolution_m, device.sample_time_s
     half_m = steps * (device.encoder_resolution_m if known is None else known[1])
     zone = {
         "dead_zone_m": half_m,
         "face_m": 0.0,
-        "opens_m": _OPENS * half_m,
-        "open_m": _OPEN * half_m,
+        "opens_m": _BEGINS_TO_OPEN * half_m,
+        "open_m": _FULLY_OPEN * half_m,
         "kept": math.exp(-t / _MEMORY_S),
         "smoothing": math.exp(-2 * math.pi * _SMOOTHED_HZ * t),
     }
@@ -152,7 +163,7 @@ class Structure:
     measures: int  # index of the estimated measured position
     positions: tuple[int, ...]
     modelled: int  # number of states that the force moves
-    innovation: FloatArray  # L of the regulator that the model comes from
+    regulator_gain: FloatArray  # L of the regulator that the model comes from
     stiffness_n_per_m: float  # K
 
     @classmethod
@@ -173,7 +184,7 @@ class Structure:
             measures=law.measures,
             positions=law.positions,
             modelled=n,
-            innovation=np.concatenate([law.innovation, unmoved]),
+            regulator_gain=np.concatenate([law.innovation, unmoved]),
             stiffness_n_per_m=stiffness,
         )
 
@@ -193,10 +204,11 @@ class Structure:
         return np.asarray(x), np.asarray((self.closed[self.measures] @ inner) / z[..., None])
 
     def differences(self, z: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
-        """Return O/A - 1 of the observer alone as rows of L, (..., n), and D/A of the feedback, at points z.
+        """Return O/Q - 1 of the observer alone as rows of L, (..., n), and D/Q of the feedback, at points z.
 
-        O/A = 1 + C (z - A)^-1 A L is the return difference of the observer that no force moves, and D/A = 1 - K R (z -
-        A)^-1 B that of the feedback of the state, both of the modelled states without filters.
+        O, D and Q = det(z - A) are polynomials; A, B, C, L and R are matrices, and K is the wall's stiffness. O/Q = 1 +
+        C (z - A)^-1 A L is the return difference of the observer that no force moves, and D/Q = 1 - K R (z - A)^-1 B
+        that of the feedback of the state, both of the modelled states without filters.
         """
         n = self.modelled
         rows = np.zeros((*z.shape, len(self.force)), dtype=np.complex128)
@@ -271,7 +283,6 @@ class Structure:
         state = self.state
         force = self.force
         feedback = self.feedback
-        innovation = gain
         per_sample = problem.environment.damping_ns_per_m / problem.device.sample_time_s
         if per_sample > 0:
             total = self.stiffness_n_per_m + per_sample
@@ -279,8 +290,8 @@ class Structure:
             # One more state: the position before, on which the damper acts.
             state = np.concatenate([np.pad(state, ((0, 0), (0, 1))), feedback[None]])
             force = np.append(force, 0.0)
-            innovation = np.append(innovation, 0.0)
-        return _law(problem.device, (state, force, innovation, feedback), self.positions, self.measures)
+            gain = np.append(gain, 0.0)
+        return _law(problem.device, (state, force, gain, feedback), self.positions, self.measures)
 
 
 @dataclass(frozen=True, eq=False)
@@ -339,7 +350,7 @@ class _Model:
         gain = -(b @ cost @ a) / (1 + b @ cost @ b)
         return np.append(gain, rest[self.measured] - gain @ rest)
 
-    def innovation(self, walk: float, forces: tuple[float, float]) -> FloatArray:
+    def kalman_gain(self, walk: float, forces: tuple[float, float]) -> FloatArray:
         """Return L: the stationary Kalman gain, with the encoder's noise as the unit of length.
 
         `walk` is the noise of the push in a sample, `forces` those of the forces on motor and handle.

@@ -48,7 +48,10 @@ class PlantMatrices:
         return PlantMatrices(self.state[rows], self.force[rows], self.measured)
 
     def position_per_force(self, z: ComplexArray) -> ComplexArray:
-        """Return P(z) = -C (z - A)^-1 B in m/N, shape (p, len(z)); the loop of a law F = K(z) x is 1 + P K."""
+        """Return P(z) = -C (z - A)^-1 B in m/N, shape (p, len(z)).
+
+        A law F = K(z) x around the plant has the return difference Rd = 1 + P K.
+        """
         pencils = z[:, None, None] * np.eye(len(self.measured)) - self.state[:, None]
         pushes = np.broadcast_to(-self.force[:, None, :, None], (*pencils.shape[:3], 1))
         return np.asarray(np.linalg.solve(pencils, pushes)[..., 0] @ self.measured)

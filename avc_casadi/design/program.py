@@ -2,10 +2,16 @@
 
 A law is an observer with state feedback. Its structure comes from a guess of model and feedback, and its gain L is free
 (`observer_law`). A trust region (`trust_region`) minimises over L the largest impedance error at the handle from 1 to
-30 Hz. The conditions (`conditions`) are a disk margin, a bound of the force of encoder noise, and a rate of decay, each
-at every corner of the hands and the ranges. `Program.withstanding` makes a law stable on devices a tenth off too. The
-result is judged by exact eigenvalues at all these corners. The certificate judges what lies inside the ranges
-(`claims.deployable`).
+30 Hz. The conditions (`conditions`), at every corner of the hands and the ranges, are
+
+    DiskMargin, EncoderNoise    a disk margin, and a bound of the force of encoder noise
+    Decay                       a rate of decay where quantiser and dead zone pass a share of the innovation
+    DistanceFromZero            a distance of the same loops from 0
+    ObserverPoles               a decay of the observer alone
+    ClipPhase                   stability at each lower gain of a clipped force
+
+`Program.withstanding` makes a law stable on perturbed devices too. The result is judged by exact eigenvalues
+at all these corners. The certificate judges what lies inside the ranges (`claims.deployable`).
 """
 
 from __future__ import annotations
@@ -46,7 +52,7 @@ from avc_casadi.model.runtime import Runtime
 DISK_MARGIN = 0.204
 """Required disk margin where the problem states none, so that 0.2 is met."""
 RIPPLE_N = 1.5
-"""Required bound of the force for a sine of one encoder step, N."""
+"""Required bound of the force for a sine of one encoder step, N; `usual_goals` takes 12 K times the step if more."""
 NOISE_OVER_STIFFNESS = 12.0
 """Noise gain over stiffness that is granted where it is more than that bound."""
 NEAR = 0.1
@@ -58,7 +64,7 @@ MOST_STARTS = 6
 FINEST_ENCODER_M = 1e-9
 """Encoder step that is assumed where the problem states a finer one or none, m: the noise gain needs a bound."""
 PERTURBED_ROUNDS = 4
-"""How often the plants off the file at which a law is unstable join the program: two rounds are usual."""
+"""How often the perturbed plants at which a law is unstable join the program: two rounds are usual."""
 PERTURBED_AT_ONCE = 24
 """The most of them that join at once."""
 
@@ -82,7 +88,7 @@ class Program:
 
     family: LawFamily
     goals: Goals
-    perturbed: PlantMatrices | None = None  # plants off the file at which laws so far were unstable
+    perturbed: PlantMatrices | None = None  # perturbed plants at which laws so far were unstable
 
     @cached_property
     def conditions(self) -> tuple[Condition, ...]:
@@ -104,8 +110,8 @@ class Program:
     def best(self) -> LawLoops | None:
         """Return the law of least merit from the most promising starts; None where no start is stable.
 
-        The merit is the impedance error and the price of what the conditions miss. It ends with the second law that
-        meets the goals, or with the sixth start.
+        The merit is the impedance error and the price of what the conditions miss. The search ends with the
+        second law that meets the goals, or with the sixth start.
         """
         search = TrustRegion(self.family, self.conditions)
         starts = promising_starts(self.family, self.conditions, self.goals.disk_margin)
@@ -117,7 +123,7 @@ class Program:
         return search.renewed(min(laws, key=search.merit)) if laws else None
 
     def withstanding(self, loops: LawLoops) -> tuple[Program, LawLoops]:
-        """Return a law from this one on that is stable on devices a little off the file too, and its program.
+        """Return a law from this one on that is stable on perturbed devices too, and its program.
 
         Cutting planes: the plants at which the law is the least stable join the conditions, and the law is improved,
         until none is unstable or `PERTURBED_ROUNDS` end.
@@ -157,7 +163,7 @@ class ProgramAnswer:
 
     @cached_property
     def meets_goals(self) -> bool:
-        """Whether it is stable, and margin, noise and decay are as required."""
+        """Whether the law is stable and meets all conditions."""
         return self.program.meets_goals(self.loops)
 
     @property

@@ -21,7 +21,7 @@ _VELOCITY_POLES = np.array([0.6, 0.2])  # of the velocity's filter, per sample
 _LAGS_HZ = np.array([0.3, 0.7, 1.5, 3.0, 6.0])  # corner of the lag that adds the rest of the stiffness
 _ENOUGH_MARGIN = 1.25  # times the required disk margin: more of it is worth less than a faster lag
 _PER_LAG_HZ = 1e-3
-_TURNS_OF_NONE = 0.5  # rad: Phi that winds by less than this does not wind
+_TURNS_OF_NONE = 0.5  # rad: a return difference that winds by less than this does not wind
 _TURNS_OF_RELEASED = 4.0  # rad: two integrators of a released device begin with half a turn
 _RESOLVED = 1e-6  # directions that matter less for the fit are left out
 
@@ -70,22 +70,24 @@ class _Springs:
 
 
 def _disk_margins(family: LawFamily, springs: _Springs) -> FloatArray:
-    """Return the least disk margin 2/|(2 - Phi)/Phi| of each law over every plant, shape (m,); 0 where it is unstable.
+    """Return the least disk margin 2/|(2 - Rd)/Rd| of each law over every plant, shape (m,); 0 where it is unstable.
 
-    Phi = 1 + P C of a plant P and law C. By Nyquist, the loop with a hand is stable where Phi does not wind about 0
-    from 0 Hz up to half the sample rate; a released device has two integrators, for which it begins with half a turn.
+    Rd = 1 + P C is the return difference of a plant P and a law C. By Nyquist, the loop with a hand is stable where Rd
+    does not wind about 0 from 0 Hz up to half the sample rate. A released device has two integrators, for which Rd
+    begins with half a turn.
     """
     z, response = family.z[::2], family.response[:, ::2]
     law = springs.force_per_position(z, family.structure.stiffness_n_per_m, family.problem.device.sample_time_s)
     margins = np.full(len(springs), np.inf)
     for row, plant in enumerate(response):
-        phi = 1 + plant * law
-        turns = np.angle(phi[:, 1:] / phi[:, :-1]).sum(axis=1)
+        return_difference = 1 + plant * law
+        turns = np.angle(return_difference[:, 1:] / return_difference[:, :-1]).sum(axis=1)
         if row < len(family.held):
-            stable = np.abs(turns + np.angle(phi[:, 0])) < _TURNS_OF_NONE
+            stable = np.abs(turns + np.angle(return_difference[:, 0])) < _TURNS_OF_NONE
         else:
             stable = (turns > -_TURNS_OF_NONE) & (turns < _TURNS_OF_RELEASED)
-        margins = np.where(stable, np.minimum(margins, 2 / np.abs((2 - phi) / phi).max(axis=1)), 0.0)
+        disk = 2 / np.abs((2 - return_difference) / return_difference).max(axis=1)
+        margins = np.where(stable, np.minimum(margins, disk), 0.0)
     return margins
 
 
@@ -104,14 +106,14 @@ def _starts(family: LawFamily, disk_margin: float) -> Iterator[FloatArray]:
         for row in best_of_each + np.arange(0, len(springs), of_each_spring):
             if margins[row] > 0:
                 yield _nearest_law(family, springs.pick(row))
-    yield family.structure.innovation
+    yield family.structure.regulator_gain
 
 
 def _nearest_law(family: LawFamily, spring: _Springs) -> FloatArray:
-    """Return the gain L whose law X L/(1 + Y L) is nearest to spring, damper and lag C by the relative change of Phi.
+    """Return the gain L whose law X L/(1 + Y L) is nearest to spring, damper and lag C by the relative change of Rd.
 
-    Phi = 1 + P C is the loop with a plant P. Linear least squares over the frequencies: X L - C Y L = C, weighed by the
-    largest |P/(1 + P C)| of the plants.
+    Rd = 1 + P C is the return difference with a plant P. Linear least squares over the frequencies: X L - C Y L = C,
+    weighed by the largest |P/(1 + P C)| of the plants.
     """
     structure = family.structure
     law = spring.force_per_position(family.z, structure.stiffness_n_per_m, family.problem.device.sample_time_s)[0]

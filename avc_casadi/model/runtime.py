@@ -103,7 +103,7 @@ class StateFeedback(Effect):
         i = x + c face - s_m,   e = i - c clip(i, -d, d),   s+ = s + L e,   y = R s+,   then s = A s+ + B F.
 
     d is half of the dead zone. It is closed by c = 1 - clip((r - opens)/(open - opens), 0, 1), 1 at rest and 0 in
-    motion. The range r of late positions reaches from the lowest to the highest of a smoothed x. A sample later the
+    motion. The range r of recent positions reaches from the lowest to the highest of a smoothed x. A sample later the
     share `kept` of their distances from the present one is left; no distance counts more than `open`. x is smoothed
     by a lag of first order with the pole `smoothing`.
     """
@@ -111,7 +111,7 @@ class StateFeedback(Effect):
     kind: Literal["state-feedback"] = "state-feedback"
     state: q.EntryRows
     force_m_per_n: q.Entries
-    innovation: q.Entries
+    innovation: q.Entries  # gain L of the innovation
     feedback: q.Entries
     positions: q.Places
     measures: q.Place = 0

@@ -251,7 +251,7 @@ class Creep:
 def creep(coupling: Coupling) -> Creep | None:
     """Return the play of a closed dead zone, 2 d, and the speed from which it opens; None without a dead zone.
 
-    At a steady speed v the range of late positions is v T kept/(1 - kept).
+    At a steady speed v the range of recent positions is v T kept/(1 - kept).
     """
     law = coupling.runtime.state_feedback
     if law is None or law.dead_zone_m == 0:
