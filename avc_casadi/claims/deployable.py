@@ -28,8 +28,8 @@ from avc_casadi.claims.levels import LevelResult
 from avc_casadi.coupling import Coupling, require_coupling
 from avc_casadi.loops.margins import LEAST_DISK, OpenLoop
 from avc_casadi.loops.plant_family import PlantFamily, WorstCase
+from avc_casadi.loops.stable_walls import damping_range, in_contact, stiffest_wall
 from avc_casadi.loops.wall import frozen_law
-from avc_casadi.loops.walls import damping_range, in_contact, stiffest_wall
 from avc_casadi.model.gains import GainTable
 from avc_casadi.model.hands import hand_corners
 from avc_casadi.model.problem import Problem

@@ -18,7 +18,7 @@ from avc_casadi.claims.law_points import LawPoint, Measure, around, corner_point
 from avc_casadi.claims.stated_law import AnyLaw, noise_n
 from avc_casadi.loops.margins import SOUND_DISK, Margins, OpenLoop, damping_ratios
 from avc_casadi.loops.plant_family import RADIUS_TOLERANCE, PlantFamily
-from avc_casadi.loops.walls import Stretches, stable_walls
+from avc_casadi.loops.stable_walls import Stretches, stable_walls
 from avc_casadi.model.hands import joined
 from avc_casadi.model.law import Law
 from avc_casadi.model.problem import Problem

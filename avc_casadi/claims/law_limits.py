@@ -1,8 +1,8 @@
 """Between which values a number of a law is stable with the others kept, over every plant of a family.
 
 The root of the worst growth at the corners of the ranges; what a search of the ranges finds worse joins these.
-D-decomposition (`loops.walls`) answers the same of k and b of a plain law, at once; other numbers enter a loop in no
-such simple way. Pieces that are not linear are judged at every slope of their ranges.
+D-decomposition (`loops.stable_walls`) answers the same of k and b of a plain law, at once; other numbers enter a loop
+in no such simple way. Pieces that are not linear are judged at every slope of their ranges.
 """
 
 from __future__ import annotations

@@ -21,8 +21,8 @@ from avc_casadi.claims.port import frequencies_hz, handle_port, passive_hand
 from avc_casadi.claims.worst_frequency import quadratic_stretch, refine_minima
 from avc_casadi.files.problem_file import AnyProblem, accepts_problem, require_wall
 from avc_casadi.loops.plant_family import PlantFamily
+from avc_casadi.loops.stable_walls import Stretches, stable_walls
 from avc_casadi.loops.wall import PartialFractions, passive_limit_n_per_m, rigid
-from avc_casadi.loops.walls import Stretches, stable_walls
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
 from avc_casadi.model.declared import declared, effects_of_scene_alone
 from avc_casadi.model.device import Device

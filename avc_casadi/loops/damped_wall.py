@@ -15,7 +15,7 @@ import numpy as np
 
 from avc_casadi.loops.margins import SETTLING_BAND, damping_ratios
 from avc_casadi.loops.plant_family import PlantFamily
-from avc_casadi.loops.walls import damping_range, in_contact, stiffest_wall
+from avc_casadi.loops.stable_walls import damping_range, in_contact, stiffest_wall
 
 RINGS_BELOW = 0.2
 """Damping ratio below which a wall rings: a swing leaves more than a quarter of its size to the next one."""

@@ -1,4 +1,4 @@
-"""The problem as plain data, and the registries of the names in it that higher rooms declare."""
+"""The problem as plain data, and the registries of the names in it that later packages fill."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Keys of effects of `EFFECTS` that several rooms use; None is taken from device, environment or hands."""
+"""Keys of effects of `EFFECTS` that several packages use; None is taken from device, environment or hands."""
 
 from typing import Any, Literal
 

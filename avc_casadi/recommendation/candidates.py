@@ -18,7 +18,7 @@ from avc_casadi.design.program import DISK_MARGIN, ProgramAnswer, program_answer
 from avc_casadi.design.tuned import tune, tuned_margin
 from avc_casadi.loops.margins import OpenLoop
 from avc_casadi.loops.plant_family import PlantFamily
-from avc_casadi.loops.walls import DampingRange, damping_range, softest_wall_n_per_m
+from avc_casadi.loops.stable_walls import DampingRange, damping_range, softest_wall_n_per_m
 from avc_casadi.model.gains import Gains, near_rigid_n_per_m, spring_before
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.runtime import Runtime, StateFeedback

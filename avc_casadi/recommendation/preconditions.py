@@ -12,8 +12,8 @@ from avc_casadi.claims.impedance import PRESS_N
 from avc_casadi.files.plausibility import plausibility
 from avc_casadi.files.problem_file import BELOW_NYQUIST
 from avc_casadi.loops.plant_family import PlantFamily
+from avc_casadi.loops.stable_walls import damping_range, softest_wall_n_per_m
 from avc_casadi.loops.wall import MAX_DELAY_SAMPLES
-from avc_casadi.loops.walls import damping_range, softest_wall_n_per_m
 from avc_casadi.model import EFFECTS
 from avc_casadi.model.corners import LINEAR_KEYS
 from avc_casadi.model.declared import declared, declared_effects

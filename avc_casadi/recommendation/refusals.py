@@ -19,7 +19,7 @@ import numpy as np
 from avc_casadi.design.virtual_tool import EndSearch, search_of
 from avc_casadi.loops.engine import ToolLoops
 from avc_casadi.loops.plant_family import PlantFamily
-from avc_casadi.loops.walls import stiffest_wall
+from avc_casadi.loops.stable_walls import stiffest_wall
 from avc_casadi.model.ends import End, Follower, Simulation, Wall
 from avc_casadi.model.hands import hand_corners
 from avc_casadi.model.joint import Joint

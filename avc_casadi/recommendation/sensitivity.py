@@ -18,7 +18,7 @@ from avc_casadi.design.program import program_answers, why_no_law
 from avc_casadi.design.virtual_tool import WIDEST_MARGIN, ToolSearch, ToolSearchOptions
 from avc_casadi.loops.engine import ToolLoops
 from avc_casadi.loops.plant_family import PlantFamily
-from avc_casadi.loops.walls import stiffest_wall
+from avc_casadi.loops.stable_walls import stiffest_wall
 from avc_casadi.model.device import Device
 from avc_casadi.model.ends import HEAVIEST_TOOL_KG, LIGHTEST_TOOL_KG, LONGEST_STEP_S, Simulation, ToolGains
 from avc_casadi.model.problem import Problem

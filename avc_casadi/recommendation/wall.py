@@ -12,7 +12,7 @@ from avc_casadi.claims.certify import quick_rest_level
 from avc_casadi.claims.deployable import DeployedCertificate, certify_deployed
 from avc_casadi.coupling import Coupling
 from avc_casadi.loops.plant_family import PlantFamily
-from avc_casadi.loops.walls import stiffest_wall
+from avc_casadi.loops.stable_walls import stiffest_wall
 from avc_casadi.model.gains import GainSchedule
 from avc_casadi.model.problem import Problem
 from avc_casadi.recommendation.candidates import judge_all, stiffest_rendered

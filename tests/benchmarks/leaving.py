@@ -18,7 +18,7 @@ from drawn_devices import drawn
 from studied import about, computed, made_by, table
 
 from avc_casadi.loops.plant_family import PlantFamily
-from avc_casadi.loops.walls import stiffest_wall
+from avc_casadi.loops.stable_walls import stiffest_wall
 from avc_casadi.recommendation import rank
 from avc_casadi.recommendation.candidates import judge_all
 from avc_casadi.recommendation.evaluator import Evaluator

@@ -33,7 +33,7 @@ from baseline_plant import TAIL_S, Deeds, Floats, Law, frequency_sweep, simulate
 import avc_casadi as avc
 from avc_casadi.coupling import Coupling
 from avc_casadi.loops.plant_family import PlantFamily
-from avc_casadi.loops.walls import damping_range, softest_wall_n_per_m, stiffest_wall
+from avc_casadi.loops.stable_walls import damping_range, softest_wall_n_per_m, stiffest_wall
 from avc_casadi.model.device import Device, DeviceRange
 from avc_casadi.model.gains import Gains
 from avc_hardware import export_c

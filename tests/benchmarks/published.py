@@ -23,7 +23,7 @@ from studied import about, write_rows
 import avc_casadi as avc
 from avc_casadi.claims.handle_port import passivity
 from avc_casadi.claims.zwidth import passive_walls
-from avc_casadi.loops.walls import stable_walls
+from avc_casadi.loops.stable_walls import stable_walls
 from avc_casadi.model.admittance import AdmittanceDevice
 from avc_casadi.model.device import Device
 from avc_casadi.model.hands import Hand

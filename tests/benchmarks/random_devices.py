@@ -31,7 +31,7 @@ import avc_casadi as avc
 from avc_casadi.coupling import Coupling
 from avc_casadi.loops.margins import OpenLoop
 from avc_casadi.loops.plant_family import PlantFamily
-from avc_casadi.loops.walls import stiffest_wall
+from avc_casadi.loops.stable_walls import stiffest_wall
 from avc_casadi.recommendation.rank import impedance_error
 from avc_casadi.simulation.population.operators import draw_hands, loose_grips
 from avc_casadi.simulation.population.trial import CouplingTrial, exact_interval, try_coupling

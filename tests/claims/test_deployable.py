@@ -13,8 +13,8 @@ from avc_casadi.claims.certify import certify
 from avc_casadi.cli import main
 from avc_casadi.coupling import Coupling, schedule_of
 from avc_casadi.loops.plant_family import PlantFamily
+from avc_casadi.loops.stable_walls import damping_range, stiffest_wall
 from avc_casadi.loops.wall import frozen_law, linear_stability
-from avc_casadi.loops.walls import damping_range, stiffest_wall
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
 from avc_casadi.model.gains import Gains, GainTable
 from avc_casadi.model.hands import Hand, hand_corners, with_released

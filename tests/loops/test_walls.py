@@ -10,7 +10,7 @@ from sampled_wall import spectral_radius
 
 import avc_casadi as avc
 from avc_casadi.claims.zwidth import zwidth
-from avc_casadi.loops.walls import stable_walls
+from avc_casadi.loops.stable_walls import stable_walls
 from avc_casadi.model.device import Device
 from avc_casadi.model.hands import Hand, hand_set
 

@@ -5,8 +5,8 @@ import itertools
 import numpy as np
 
 from avc_casadi.files.problem_file import load_problem
+from avc_casadi.loops.stable_walls import in_contact
 from avc_casadi.loops.wall import frozen_law, linear_stability
-from avc_casadi.loops.walls import in_contact
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
 from avc_casadi.model.hands import Hand, hand_ranges
 

@@ -16,7 +16,7 @@ from avc_casadi.claims.prove.rest import Rest
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.observer_law import GUESSES, regulator
 from avc_casadi.loops.plant_family import PlantFamily
-from avc_casadi.loops.walls import stiffest_wall
+from avc_casadi.loops.stable_walls import stiffest_wall
 from avc_casadi.model.corners import device_with
 from avc_casadi.model.gains import Gains, spring_before
 from avc_casadi.model.runtime import Runtime

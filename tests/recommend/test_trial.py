@@ -12,7 +12,7 @@ from scipy.signal import StateSpace, lsim
 import avc_casadi as avc
 from avc_casadi.coupling import Coupling
 from avc_casadi.loops.plant_family import PlantFamily
-from avc_casadi.loops.walls import damping_range, stiffest_wall
+from avc_casadi.loops.stable_walls import damping_range, stiffest_wall
 from avc_casadi.model.corners import linear_values
 from avc_casadi.model.gains import Gains, near_rigid_n_per_m
 from avc_casadi.model.hands import hand_corners

@@ -13,7 +13,7 @@ from whole_device import REST, WholeDevice, held, leaning, people, rests_as_trie
 import avc_casadi as avc
 import avc_hardware
 from avc_casadi.loops.plant_family import PlantFamily
-from avc_casadi.loops.walls import stiffest_wall
+from avc_casadi.loops.stable_walls import stiffest_wall
 from avc_casadi.simulation.population.operators import people_of
 from avc_casadi.simulation.population.trial import try_coupling
 

@@ -9,7 +9,7 @@ import avc_casadi as avc
 from avc_casadi.claims.deployable import deployable
 from avc_casadi.coupling import Coupling
 from avc_casadi.loops.plant_family import PlantFamily
-from avc_casadi.loops.walls import damping_range, in_contact
+from avc_casadi.loops.stable_walls import damping_range, in_contact
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.hands import released_hand
 
