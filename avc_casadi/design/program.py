@@ -64,7 +64,7 @@ MOST_STARTS = 6
 FINEST_ENCODER_M = 1e-9
 """Encoder step that is assumed where the problem states a finer one or none, m: the noise gain needs a bound."""
 PERTURBED_ROUNDS = 4
-"""How often the perturbed plants at which a law is unstable join the program: two rounds are usual."""
+"""How often the perturbed plants at which a law is unstable join the optimisation: two rounds are usual."""
 PERTURBED_AT_ONCE = 24
 """The most of them that join at once."""
 
@@ -84,7 +84,7 @@ class Goals:
 
 @dataclass(frozen=True, eq=False)
 class Program:
-    """The laws of one structure on a problem, and what is required of them."""
+    """The optimisation of the laws of one structure on a problem: the laws, and what is required of them."""
 
     family: LawFamily
     goals: Goals
@@ -150,7 +150,7 @@ class Program:
 
 @dataclass(frozen=True, eq=False)
 class ProgramAnswer:
-    """The coupling of the program, not yet tried."""
+    """The coupling of the optimisation, not yet tried."""
 
     problem: Problem
     program: Program

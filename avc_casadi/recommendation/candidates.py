@@ -177,10 +177,10 @@ def judge_laws(problem: Problem, evaluator: Evaluator, rendered_n_per_m: float, 
 
 
 def laws(problem: Problem, rendered_n_per_m: float) -> Iterator[list[ProgramAnswer]]:
-    """Yield what the program finds for a wall at a stiffness, of each guess: first for the usual goals.
+    """Yield what the optimisation finds for a wall at a stiffness, of each guess: first for the usual goals.
 
-    Then those that withstand devices a tenth off, which costs accuracy where a resonance is lightly damped: dry
-    friction often holds the others there. Then those for stricter and stricter goals.
+    Then those that withstand perturbed devices, which costs accuracy where a resonance is lightly damped: dry friction
+    often holds the others there. Then those for stricter and stricter goals.
     """
     # Slopes of detents are not analysed behind an observer.
     if problem.detent is not None or why_no_law(problem):
