@@ -181,9 +181,11 @@ class Coupling:
         return self.problem.units
 
     def __repr__(self) -> str:
-        wall = self.wall
+        wall, law = self.wall, self.runtime.state_feedback
+        # Beside an observer law the table is a stiff placeholder, which renders nothing of its own.
+        gains = repr(self.table) if law is None else f"observer ({len(law.innovation)} states) with state feedback"
         return (
-            f"Coupling({self.problem.name!r} by {self.method}: {self.table!r}, wall {wall.stiffness_n_per_m:g} "
+            f"Coupling({self.problem.name!r} by {self.method}: {gains}, wall {wall.stiffness_n_per_m:g} "
             f"{self.units.unit('N/m')}, T {1e3 * self.sample_time_s:g} ms)"
         )
 
