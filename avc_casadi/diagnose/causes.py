@@ -36,6 +36,12 @@ Verdict = Literal["named", "cannot tell", "nothing wrong", "not the loop"]
 _SURE = 2 / 3
 """Share of the evidence from which on a cause is named: odds of two to one."""
 
+_LONGER_SAMPLES = 1.2
+"""Ratio of the sample time of a log to the declared one above which they may not be of the same device."""
+
+_LONGEST_TRAVEL_M = 1.0
+"""Travel of a linear device, m, above which its log may have another unit: haptic devices move by less."""
+
 _FEWEST_SAMPLES = 60
 """Samples of the shortest log."""
 
@@ -218,6 +224,7 @@ def diagnose(  # noqa: PLR0913 - options by name, of a public call
         notes.append("the log has larger forces than max_force_n; the limit is ignored: check the limit and the units")
         design = replace(design, device=design.device.model_copy(update={"max_force_n": None}))
     limit = design.device.max_force_n
+    notes += _doubtful_files(grid, design)
     with progress.step("oscillation and force"):
         swing = find_oscillation(grid, limit)
         law = find_law(grid, swing, limit, design.device.coulomb_friction_n)
@@ -233,6 +240,21 @@ def diagnose(  # noqa: PLR0913 - options by name, of a public call
         fitted_log, fits = fit_log(FitTask(grid, swing, seed, stages), design, law_or_verdict)
         stages.begin("causes and remedies")
         return _judge(replace(begun, log=fitted_log), law_or_verdict, fits)
+
+
+def _doubtful_files(log: Log, design: IntendedLaw) -> list[str]:
+    """Return what of a log and its device file is unlikely: their rates, or the size of the motion."""
+    notes = []
+    stated_s = design.device.sample_time_s
+    if design.known and log.sample_time_s > _LONGER_SAMPLES * stated_s:
+        notes.append(
+            f"the log has a sample every {number(1e3 * log.sample_time_s, 3)} ms, and device.sample_time_s is "
+            f"{number(1e3 * stated_s, 3)} ms: check that log and file are of the same device and rate"
+        )
+    travel_m = float(np.ptp(log.position_m))
+    if design.device.motion == "linear" and travel_m > _LONGEST_TRAVEL_M:
+        notes.append(f"the position moves by {number(travel_m, 3)} m: check its unit (--units position=mm)")
+    return notes
 
 
 def _passes_limit(log: Log, device: Device) -> bool:

@@ -19,7 +19,7 @@ import scipy.io
 from scipy.io.matlab import MatReadError
 
 from avc_casadi._errors import Fault, InputError
-from avc_casadi._util.arrays import IndexArray
+from avc_casadi._util.arrays import FloatArray, IndexArray
 from avc_casadi._util.files import open_bounded
 from avc_casadi.identification.log import Columns, Record, faults_of, faults_of_rows, records_of
 
@@ -70,6 +70,9 @@ _UNREADABLE: tuple[type[Exception], ...] = (
     *(ValueError, TypeError, LookupError, NotImplementedError, EOFError, MemoryError, OverflowError),
     *(csv.Error, zlib.error, zipfile.BadZipFile, MatReadError),
 )
+
+_CLOCKS_ALIKE = 0.05
+"""Share by which a given sample time may differ from the mean step of the times that it replaces."""
 
 
 @dataclass(frozen=True)
@@ -203,6 +206,9 @@ def _arrays(arrays: Mapping[str, Any], file: str, layout: Layout) -> Columns:
         raise InputError.of("has no vector of numbers; allowed: vectors, a matrix (a struct: save -struct)", file=file)
     sources = _sources(list(vectors), len(vectors), layout, file, None)
     columns = list(vectors.values())
+    written = _replaced_clock(list(vectors), layout)
+    if written is not None:
+        _require_same_clock(columns[written.index] * _UNITS["time"][written.unit], layout, file)
     values = {quantity: columns[source.index] for quantity, source in sources.items()}
     if len({column.size for column in values.values()}) > 1:
         sizes = ", ".join(f"{quantity} {column.size}" for quantity, column in values.items())
@@ -278,6 +284,11 @@ def _text(content: str, file: str, layout: Layout) -> Columns:
         faults += _faults_of_cells(file, quantity, lines, texts, values[quantity])
     if faults:
         raise InputError(sorted(faults, key=lambda fault: fault.line or 0))
+    written = _replaced_clock(table.headers, layout)
+    if written is not None:
+        times = [_number(row[written.index]) for row in cells]
+        seconds = np.array([math.nan if time is None else time for time in times]) * _UNITS["time"][written.unit]
+        _require_same_clock(seconds, layout, file)
     return _in_si(file, values, sources, layout, np.array(lines, dtype=np.intp), notes)
 
 
@@ -379,6 +390,29 @@ def _sources(
     if faults:
         raise InputError(faults)
     return sources
+
+
+def _replaced_clock(headers: Sequence[str] | None, layout: Layout) -> _Source | None:
+    """Return the column of times that a given sample time replaces; None without one."""
+    if layout.sample_time_s is None or "time" in layout.columns or headers is None:
+        return None
+    names = [_split(header) for header in headers]
+    index = _column("time", headers, names, len(headers), None)
+    if isinstance(index, str):
+        return None
+    unit = layout.units.get("time", names[index][1]).strip().lower()
+    spelling = _SPELT.get(unit, unit)
+    return _Source(index, spelling) if spelling in _UNITS["time"] else None
+
+
+def _require_same_clock(seconds: FloatArray, layout: Layout, file: str) -> None:
+    """Refuse a sample time that is not the mean step of the times, s, that it replaces; those may be rounded."""
+    mean_s = float(seconds[-1] - seconds[0]) / max(seconds.size - 1, 1)
+    sample_time_s = layout.sample_time_s
+    if sample_time_s is None or not mean_s > 0 or abs(sample_time_s / mean_s - 1) <= _CLOCKS_ALIKE:
+        return
+    allowed = f"the mean step of the times, {mean_s:.4g} s; leave --sample-time out, or remove the column"
+    raise InputError.of(f"--sample-time is {sample_time_s:.4g} s; allowed: {allowed}", file=file, key="time")
 
 
 def _split(header: str) -> tuple[str, str]:

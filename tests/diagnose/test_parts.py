@@ -175,3 +175,15 @@ def test_a_swing_that_falls_to_a_size_that_it_keeps_levels_off(kept, more, ratio
 )
 def test_a_swing_that_dies_away_by_a_damper_or_by_friction_or_grows_does_not_level_off(sizes):
     assert levels_off(sizes) is None
+
+
+@pytest.mark.parametrize(
+    ("period_s", "scale", "words"),
+    [(1e-3, 1.0, ()), (5e-4, 1.0, ("device.sample_time_s is 0.5 ms",)), (1e-3, 1e3, ("--units position=mm",))],
+)
+def test_a_log_of_another_rate_or_unit_than_its_device_says_so(period_s, scale, words):
+    log = columns(Buzzing())
+    log = replace(log, position_m=scale * log.position_m)
+    found = diagnose(log, device=declared_of(Buzzing()).model_copy(update={"sample_time_s": period_s}))
+    assert len(found.notes) == len(words)
+    assert all(word in note for word, note in zip(words, found.notes, strict=True))

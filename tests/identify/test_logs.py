@@ -66,6 +66,19 @@ def test_numbers_of_columns_and_units_by_option(tmp_path):
     same(read_logs([path], layout)[0])
 
 
+@pytest.mark.parametrize(("sample_time_s", "agrees"), [(1e-3, True), (1.02e-3, True), (2e-3, False), (5e-4, False)])
+def test_a_sample_time_replaces_rounded_times_of_the_same_mean_step(tmp_path, sample_time_s, agrees):
+    path = tmp_path / "a.csv"
+    np.savetxt(path, np.column_stack([np.floor(TIME / 4e-3) * 4e-3, POSITION, FORCE]), delimiter=",", comments="")
+    text = path.read_text()
+    path.write_text(f"time_s,position_m,force_n\n{text}")
+    layout = Layout(sample_time_s=sample_time_s)
+    if agrees:
+        assert read_logs([path], layout)[0][0].sample_time_s == pytest.approx(sample_time_s)
+    else:
+        assert {fault.key for fault in faults(path, layout)} == {"time"}
+
+
 def test_every_fault_of_a_file_with_its_line(tmp_path):
     path = csv(tmp_path / "a.csv")
     lines = path.read_text().splitlines()

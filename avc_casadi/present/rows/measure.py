@@ -235,7 +235,7 @@ def _diagnosis_rows(result: Diagnosis) -> list[Row]:
         rows.append(_compared(result.compared, result.law, result.log))
     if result.law is not None and result.fit is not None:
         rows += _fitted_plant(result, result.law, result.fit)
-    return [*rows, *subject.notes(result.notes, "Assumed", Mark.NONE, 1)]
+    return [*rows, *subject.notes(result.notes)]
 
 
 def _remedy(remedy: Remedy) -> Row:
