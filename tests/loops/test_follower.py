@@ -18,6 +18,10 @@ from avc_casadi.loops.loop import Body
 from avc_casadi.model.ends import ToolGains
 from avc_casadi.model.hands import Hand, hand_corners
 from avc_casadi.model.plant import sampled_plant
+from avc_casadi.recommendation.pair import FollowerDesign
+from avc_casadi.recommendation.request import Request
+from avc_casadi.simulation.population.operators import people_of
+from avc_casadi.simulation.population.other_ends import try_end
 
 LEADER = "[device]\nmass_kg = 0.12\ndamping_ns_per_m = 0.8\ndelay_samples = 1\n"
 
@@ -136,9 +140,8 @@ def test_recommended_coupling_settles_in_a_plain_simulation(delay, period):
         "jitter = 0.1\nlost_share = 0.01"
     )
     stated = problem(text).changed(device={"sample_time_s": period}, frequency={"stop_hz": 100.0})
-    found = avc.recommend(stated, 10)
-    assert found.deployable
-    gains, hands = tuple(vars(found.coupling.gains).values()), hand_corners(found.problem.hands)
+    design = FollowerDesign(stated, Request(hands=10), stated.follower)
+    gains, hands = tuple(vars(design.best().gains).values()), hand_corners(stated.hands)
     motions = {
         "free": lambda t: -0.02 + 0.008 * math.sin(2 * math.pi * 2 * min(t, 2.0)),
         "press": lambda t: min(-0.01 + 0.07 * t, 0.01),
@@ -158,10 +161,17 @@ def test_recommended_coupling_settles_in_a_plain_simulation(delay, period):
 def test_a_coarse_encoder_gets_a_spring_that_is_softer_than_stable_by_far():
     """Hands settle with no K within a tenth of the limit: each step of 7 mm moves them by more than a step."""
     stated = problem("mass_kg = 0.3\ndamping_ns_per_m = 1.0\ndelay_samples = 1\ndelay_s = 0.005")
-    coarse = {"damping_ns_per_m": 236.8, "encoder_resolution_m": 0.00712, "max_force_n": 8.0}
-    result = avc.recommend(stated.changed(device=coarse), 2)
-    assert result.deployable
-    assert result.coupling.gains.stiffness_n_per_m < 0.1 * result.pair.stiffest.stiffness_n_per_m
+    coarse = stated.changed(device={"damping_ns_per_m": 236.8, "encoder_resolution_m": 0.00712, "max_force_n": 8.0})
+    design = FollowerDesign(coarse, Request(hands=2), coarse.follower)
+    tenth, softest = 0.1 * design.stiffest.stiffness_n_per_m, design.plan().stiffnesses_n_per_m()[-1]
+    hands = people_of(coarse.hands, 2, 0)
+    # 160 N/m is in the plan, and below the stiffness of the weakest hand.
+    assert softest < 160.0 < tenth
+    settles = {
+        k: try_end(coarse.follower, coarse, ToolGains(k, b, 0.0), hands, 0, screen=True).all_settle_with_friction
+        for k, b in ((tenth, 6.0), (160.0, 0.6))
+    }
+    assert settles == {tenth: False, 160.0: True}
 
 
 def test_drag_of_a_follower_is_what_a_driven_simulation_measures():

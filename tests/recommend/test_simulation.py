@@ -11,6 +11,8 @@ from loops_by_expm import growth
 import avc_casadi as avc
 from avc_casadi.design.virtual_tool import ToolSearch
 from avc_casadi.model.hands import hand_corners
+from avc_casadi.recommendation.pair import ToolDesign
+from avc_casadi.recommendation.request import Request
 from avc_casadi.recommendation.sensitivity import same_stiffness
 
 DEVICE = "[device]\nmass_kg = 0.12\ndamping_ns_per_m = 0.8\ndelay_samples = 1\nmax_force_n = 8.0\n"
@@ -27,9 +29,9 @@ def problem(simulation, device=DEVICE):
 )
 def test_recommended_coupling_settles_in_a_plain_simulation(mass, ratio, exchange):
     step = ratio * 1e-3
-    found = avc.recommend(problem(f'tool_mass_kg = {mass}\nstep_s = {step!r}\nexchange = "{exchange}"'), hands=HANDS)
-    assert found.deployable
-    gains, hands = found.coupling.gains, hand_corners(found.problem.hands)
+    stated = problem(f'tool_mass_kg = {mass}\nstep_s = {step!r}\nexchange = "{exchange}"')
+    gains = ToolDesign(stated, Request(hands=HANDS), stated.simulation).best().gains
+    hands = hand_corners(stated.hands)
     samples = 4000
     presses = np.clip(-0.01 + 0.07 * np.arange(samples) * 1e-3, -0.01, 0.01)
     taps = presses - 0.012 * np.sin(2 * math.pi * 3 * np.arange(samples) * 1e-3) * (np.arange(samples) < 2000)
@@ -65,10 +67,10 @@ def test_wanted_stiffness_is_given_or_what_it_needs():
             assert growth(loops, gains, samples=samples, integrator="semi-implicit", late=False).max() < 1
     # Beyond what the coupling alone holds, a damper of the device's own loop is there for it.
     late = 'clock = "device"\ntool_mass_kg = 0.2\nstep_s = 0.01\nexchange = "late"\nstiffness_n_per_m = '
-    beside = avc.recommend(problem(f"{late}1700.0"), hands=HANDS)
-    assert beside.deployable
-    assert beside.coupling.gains.local_damping_ns_per_m > 1
-    assert avc.recommend(problem(f"{late}500.0"), hands=HANDS).coupling.gains.local_damping_ns_per_m == 0
+    stiff, soft = (problem(f"{late}{stiffness}") for stiffness in (1700.0, 500.0))
+    beside, alone = (ToolDesign(stated, Request(hands=HANDS), stated.simulation).best() for stated in (stiff, soft))
+    assert beside.gains.local_damping_ns_per_m > 1
+    assert alone.gains.local_damping_ns_per_m == 0
     light = avc.recommend(
         problem("clock = 'device'\ntool_mass_kg = 0.01\nstep_s = 0.016\nstiffness_n_per_m = 3000.0"), hands=HANDS
     )
