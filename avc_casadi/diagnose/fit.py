@@ -15,7 +15,7 @@ from avc_casadi.diagnose.law import FittedLaw
 from avc_casadi.diagnose.oscillation import LEAST_ALIKE, Log, Oscillation, samples_alike
 from avc_casadi.diagnose.plant import Hypothesis, IntendedLaw
 from avc_casadi.diagnose.priors import Grid
-from avc_casadi.diagnose.structure import Structure, root_mean_square, structures_of
+from avc_casadi.diagnose.structure import PlantStructure, root_mean_square, structures_of
 from avc_casadi.diagnose.windows import MOST_DELAY, LogWindow, windows_of
 
 _DRAWS = 12
@@ -129,7 +129,7 @@ class PlantFit:
 class _Trial:
     """A structure with its best point and its residual in the worst window, root mean square, m."""
 
-    structure: Structure
+    structure: PlantStructure
     point: FloatArray
     residual_m: float
 
@@ -259,7 +259,7 @@ def _with_alternatives(fits: Sequence[PlantFit]) -> list[PlantFit]:
 
 
 def _with_stops(
-    structure: Structure, inside: FloatArray, windows: Sequence[LogWindow], noise: float, without: float
+    structure: PlantStructure, inside: FloatArray, windows: Sequence[LogWindow], noise: float, without: float
 ) -> list[_Trial]:
     """Return the trial of a structure with the widest stops that explain the motion, or none.
 
@@ -278,7 +278,7 @@ def _with_stops(
     return good[:1] if bears_out and good[0].residual_m < _STOPS_BETTER * without else []
 
 
-def _begin(structure: Structure, windows: Sequence[LogWindow], noise: float) -> _Trial:
+def _begin(structure: PlantStructure, windows: Sequence[LogWindow], noise: float) -> _Trial:
     """Return a structure with its best point from a few initial guesses."""
     levels = np.full(len(windows), _BEGIN_LEVEL * noise)
     turns = _MODE_TURNS if structure.resonant else (1.0,)

@@ -57,7 +57,7 @@ _INTERVAL_ENDS = (0.025, 0.975)
 
 
 @dataclass(frozen=True, eq=False)
-class Solution:
+class LeastSquares:
     """The end of a search."""
 
     point: FloatArray
@@ -69,7 +69,7 @@ class Solution:
 
 
 @dataclass(frozen=True, eq=False)
-class Structure:
+class PlantStructure:
     """Unknowns of one structure with their prior, and its residuals."""
 
     design: IntendedLaw
@@ -96,7 +96,7 @@ class Structure:
         *,
         hand: bool,
         encoder_at: EncoderSide | None,
-    ) -> Structure:
+    ) -> PlantStructure:
         """Return the structure of some unknowns."""
         names = tuple(unknown.name for unknown in unknowns)
         middle = np.array([unknown.middle for unknown in unknowns])
@@ -104,7 +104,7 @@ class Structure:
         most_delay = MOST_DELAY * grid.a_tick
         return cls(design, grid.period_s, hand, encoder_at, names, middle, spread, most_delay)
 
-    def with_friction(self, factor: float) -> Structure:
+    def with_friction(self, factor: float) -> PlantStructure:
         """Return the structure with the dry friction of its device times a factor."""
         device = self.design.device
         changed = device.model_copy(update={"coulomb_friction_n": factor * device.coulomb_friction_n})
@@ -218,7 +218,7 @@ class Structure:
             forced = forced + motion.response(motion.new + motion.old, friction_n * window.rub)
         return forced
 
-    def solve(self, first: FloatArray, windows: Sequence[LogWindow], levels: FloatArray, tries: int) -> Solution:
+    def solve(self, first: FloatArray, windows: Sequence[LogWindow], levels: FloatArray, tries: int) -> LeastSquares:
         """Return the best point from a first one on; each window has the level of its noise, m."""
 
         def weighted(point: FloatArray) -> FloatArray:
@@ -244,7 +244,7 @@ class Structure:
             max_nfev=tries,
         )
         jacobian = np.asarray(result.jac)
-        return Solution(np.asarray(result.x), jacobian.T @ jacobian, float(result.cost))
+        return LeastSquares(np.asarray(result.x), jacobian.T @ jacobian, float(result.cost))
 
     def rms(self, point: FloatArray, windows: Sequence[LogWindow]) -> list[float]:
         """Return the residual in each window, root mean square, m."""
@@ -262,7 +262,9 @@ def _anew(free: FloatArray, between: BoolArray) -> list[FloatArray]:
     return blocks
 
 
-def structures_of(design: IntendedLaw, grid: Grid, lag: float, swing_hz: float, *, resonant: bool) -> list[Structure]:
+def structures_of(
+    design: IntendedLaw, grid: Grid, lag: float, swing_hz: float, *, resonant: bool
+) -> list[PlantStructure]:
     """Return the structures that may have made a log: with and without a hand, each with a declared or a longer delay.
 
     A resonance is tried with the declared delay alone, the encoder on either side of it.
@@ -277,12 +279,12 @@ def structures_of(design: IntendedLaw, grid: Grid, lag: float, swing_hz: float, 
     if resonant:
         mode = mode_unknowns(swing_hz)
         return [
-            Structure.of(design, grid, [punctual, *unknowns, *mode], hand=with_hand, encoder_at=side)
+            PlantStructure.of(design, grid, [punctual, *unknowns, *mode], hand=with_hand, encoder_at=side)
             for with_hand, unknowns in ((True, held), (False, device))
             for side in _ENCODER_SIDES
         ]
     return [
-        Structure.of(design, grid, [delay, *unknowns], hand=with_hand, encoder_at=None)
+        PlantStructure.of(design, grid, [delay, *unknowns], hand=with_hand, encoder_at=None)
         for with_hand, unknowns in ((True, held), (False, device))
         for delay in (punctual, late)
     ]
