@@ -31,6 +31,7 @@ _LARGEST_ENTRY = 1e15
 """Largest entry of a matrix of a system: beyond any spring and damper at any rate, and its square is a number."""
 # Frequencies at which what is rendered is told.
 _RENDERED_HZ = (1.0, 10.0)
+_LOW_PASS: str = LowPassVelocity.model_fields["kind"].default
 
 
 class AnyLaw(Protocol):
@@ -113,6 +114,9 @@ def with_law(problem: Problem, law: Any, gains: Mapping[str, float | None]) -> P
         problem: with its own law, or none.
         law: a `ControlLaw`, the keys of a table `[law]`, or None, which keeps the problem's own.
         gains: by k, b, b_p and cutoff_hz; None keeps that of the law.
+
+    Raises:
+        InputError: a law of another kind, or a cutoff for a velocity that has none.
     """
     stated = problem
     if law is not None:
@@ -124,8 +128,19 @@ def with_law(problem: Problem, law: Any, gains: Mapping[str, float | None]) -> P
     keys = {"k": "stiffness_n_per_m", "b": "damping_ns_per_m", "b_p": "local_damping_ns_per_m"}
     changes: dict[str, Any] = {key: gains[name] for name, key in keys.items() if gains[name] is not None}
     if gains["cutoff_hz"] is not None:
-        changes["velocity"] = LowPassVelocity(cutoff_hz=gains["cutoff_hz"])
+        changes["velocity"] = _with_cutoff(stated.law, gains["cutoff_hz"])
     return stated.changed(law=changes) if changes else stated
+
+
+def _with_cutoff(law: ControlLaw | None, cutoff_hz: float) -> dict[str, Any]:
+    """Return the keys of a low pass of the velocity: of that of a law, or behind its difference, which has none."""
+    kind = DifferenceVelocity().kind if law is None else law.velocity.kind
+    if kind not in (DifferenceVelocity().kind, _LOW_PASS):
+        instead = f'leave it out, or replace the estimator: --velocity "low-pass {cutoff_hz:g} Hz"'
+        raise InputError.of(
+            f'is the cutoff of a low pass, but law.velocity is of kind "{kind}"; {instead}', key="cutoff_hz"
+        )
+    return {"kind": _LOW_PASS, "cutoff_hz": cutoff_hz}
 
 
 def at_own_rate(problem: Problem) -> Problem:

@@ -48,7 +48,8 @@ def run_certify(args: argparse.Namespace, console: Console) -> Answer:
     Deployable means linearly stable with every hand of [hands] and with the device released, with a
     sufficient disk margin. Exit code 1 if not deployable.
     Your own gains need no GAINS file: `avc certify P --k "3 kN/m" --b 12` judges the force
-    -(k x + (b + b_p) v). Such options replace the wall of P, or single values of its table [law].
+    -(k x + (b + b_p) v). Such options replace the wall of P, or single values of its table [law]:
+    other values stay. --notch moves the notch of [law], or adds one to its filters.
     With a [simulation] or [follower], --k, --b and --b-p set K, B and the damper in the device's loop.
     For an admittance device, --virtual-mass, --b, --k and --cutoff-hz replace values of its law.
     """
@@ -71,7 +72,7 @@ def run_certify(args: argparse.Namespace, console: Console) -> Answer:
         problem = law_problem(args.problem)
         read_numbers(args, problem.units, problem.device.handle_radius_m)
         law = {key: getattr(args, key) for key in of_plain_law if getattr(args, key) is not None}
-        pieces = law_pieces(args, problem.units, problem.device.handle_radius_m)
+        pieces = law_pieces(args, problem)
         if pieces:
             problem = with_pieces(problem, pieces, law)
         return ends.law_certified(problem.end, problem, law, args, console)

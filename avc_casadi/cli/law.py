@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -13,7 +13,7 @@ from avc_casadi._util.units import Units
 from avc_casadi.cli import arguments as cli
 from avc_casadi.files.border import in_keys_of
 from avc_casadi.files.problem_file import is_device
-from avc_casadi.model.control_law import VELOCITIES
+from avc_casadi.model.control_law import CommandFilter, NotchFilter
 from avc_casadi.model.ends import Wall
 from avc_casadi.model.joint import Joint
 from avc_casadi.model.table import shown
@@ -53,8 +53,12 @@ def read_numbers(args: argparse.Namespace, units: Units, handle_radius_m: float 
         raise avc.InputError(faults)
 
 
-def law_pieces(args: argparse.Namespace, units: Units, handle_radius_m: float | None) -> dict[str, Any]:
-    """Return the keys of a table [law] that options other than k, b, b_p and cutoff state."""
+def law_pieces(args: argparse.Namespace, problem: avc.Problem) -> dict[str, Any]:
+    """Return the keys of a table [law] that options other than k, b, b_p and cutoff state.
+
+    Keys of a table in it, such as the velocity, are merged with those of the same kind in the law of the problem.
+    """
+    declared = problem.law
     gains = {"integral_n_per_m_s": args.ki, "virtual_mass_kg": args.virtual_mass}
     keys: dict[str, Any] = {key: value for key, value in gains.items() if value is not None}
     if args.velocity is not None and args.cutoff_hz is not None:
@@ -64,10 +68,22 @@ def law_pieces(args: argparse.Namespace, units: Units, handle_radius_m: float | 
         with cli.faults_of("velocity"):
             keys["velocity"] = _velocity(args.velocity)
     if args.friction_compensation is not None:
-        keys["friction_compensation"] = _compensation(args.friction_compensation, units, handle_radius_m)
+        keys["friction_compensation"] = _compensation(args.friction_compensation, problem)
     if args.notch is not None:
-        keys["filters"] = ({"kind": "notch", "frequency_hz": hertz(args.notch, "notch")},)
+        keys["filters"] = _with_notch(() if declared is None else declared.filters, hertz(args.notch, "notch"))
     return keys
+
+
+def _with_notch(filters: Sequence[CommandFilter], frequency_hz: float) -> tuple[Any, ...]:
+    """Return filters with the frequency of their notch replaced, or with a notch after them where they have none."""
+    places = [place for place, item in enumerate(filters) if isinstance(item, NotchFilter)]
+    if len(places) > 1:
+        named = " and ".join(f"law.filters[{place}]" for place in places)
+        why = f"is one frequency, but {named} are {len(places)} notches; change their frequency_hz in the file"
+        raise avc.InputError.of(why, key="notch")
+    declared = filters[places[0]] if places else NotchFilter(frequency_hz=frequency_hz)
+    place = places[0] if places else len(filters)
+    return (*filters[:place], declared.model_dump() | {"frequency_hz": frequency_hz}, *filters[place + 1 :])
 
 
 def states_law(source: str, gains: str | None) -> bool:
@@ -112,29 +128,35 @@ def _of_option(fault: avc.Fault, options: Mapping[str, str]) -> avc.Fault:
     return avc.Fault("", None, option, message)
 
 
-def _compensation(typed: str, units: Units, handle_radius_m: float | None) -> dict[str, float]:
-    """Return the table of a friction compensation: its force and, after a comma, the speed of its full force."""
+def _compensation(typed: str, problem: avc.Problem) -> dict[str, float]:
+    """Return what is typed of a friction compensation: its force and, after a comma, the speed of its full force.
+
+    Without a speed it is that of the law, which is merged; a usual one where the law has no compensation.
+    """
+    units, handle_radius_m = problem.units, problem.device.handle_radius_m
     force, _, speed = typed.partition(",")
     force_n = _typed(force.strip(), units.unit("N"), "friction_compensation", handle_radius_m)
+    if not speed and problem.law is not None and problem.law.friction_compensation is not None:
+        return {"force_n": force_n}
     if not speed:
         return {"force_n": force_n, "velocity_m_per_s": FULL_SPEED_M_PER_S / (handle_radius_m or 1.0)}
     full_speed = _typed(speed.strip(), units.unit("m/s"), "friction_compensation", handle_radius_m)
     return {"force_n": force_n, "velocity_m_per_s": full_speed}
 
 
-def _velocity(typed: str) -> Any:
+def _velocity(typed: str) -> dict[str, Any]:
     """Return the table of an estimator of the velocity: its kind, then its number where it has one."""
     kind, _, number = typed.strip().partition(" ")
     if kind == "difference" and not number:
-        return VELOCITIES[kind]()
+        return {"kind": kind}
     if kind == "window" and re.fullmatch(r"\s*\d{1,6}(\s*samples?)?\s*", number):
-        return VELOCITIES[kind](samples=int(re.findall(r"\d+", number)[0]))
+        return {"kind": kind, "samples": int(re.findall(r"\d+", number)[0])}
     if kind == "low-pass" and number:
-        return VELOCITIES[kind](cutoff_hz=hertz(number, "velocity"))
+        return {"kind": kind, "cutoff_hz": hertz(number, "velocity")}
     if kind == "kalman" and number:
-        return VELOCITIES[kind](bandwidth_hz=hertz(number, "velocity"))
+        return {"kind": kind, "bandwidth_hz": hertz(number, "velocity")}
     if kind == "ticks" and number:
-        return VELOCITIES[kind](timeout_s=_typed(number, "s", "velocity"))
+        return {"kind": kind, "timeout_s": _typed(number, "s", "velocity")}
     allowed = 'allowed: "difference", "window 5" (samples), "low-pass 80 Hz", "kalman 40 Hz", "ticks 20 ms"'
     raise avc.InputError.of(f"is {shown(typed)}; {allowed}", key="velocity")
 

@@ -158,8 +158,10 @@ def _given(table: Any) -> Any:
 
 
 def _merged(table: Any, change: Any) -> Any:
-    """Return a table updated by keys; other than mappings replace it."""
+    """Return a table updated by keys; other than mappings, and a table of another kind, replace it."""
     if not isinstance(change, Mapping) or not isinstance(table, BaseModel):
+        return change
+    if "kind" in change and change["kind"] != getattr(table, "kind", None):
         return change
     given = _given(table)
     return given | {key: _merged(given.get(key), value) for key, value in change.items()}

@@ -118,3 +118,112 @@ def test_deployable_is_what_its_row_says(certify, problem, law):
     judged = certify(problem, **law)
     assert judged.deployable == judged.document()["deployable"]["pass"]
     assert str(judged).partition("Deployable")[2].split()[0] == ("yes:" if judged.deployable else "no:")
+
+
+EVERY_PIECE = """\
+[device]
+mass_kg = 0.12
+damping_ns_per_m = 0.8
+encoder_resolution_m = 2e-5
+[law]
+stiffness_n_per_m = 500.0
+damping_ns_per_m = 5.0
+local_damping_ns_per_m = 0.5
+integral_n_per_m_s = 100.0
+virtual_mass_kg = 0.01
+velocity = {velocity}
+filters = [
+  {{ kind = "low-pass", cutoff_hz = 150.0, order = 2 }},
+  {{ kind = "notch", frequency_hz = 120.0, depth = 0.3, width = 0.7 }},
+  {{ kind = "lead", frequency_hz = 80.0, phase_deg = 20.0 }},
+]
+dead_zone_m = 1e-4
+integral_limit_n = 2.0
+friction_compensation = {{ force_n = 0.05, velocity_m_per_s = 0.1 }}
+rate_divider = 2
+"""
+SMOOTHED = '{ kind = "low-pass", cutoff_hz = 30.0, order = 2 }'
+WINDOW = '{ kind = "window", samples = 4 }'
+
+
+def leaves(value, path=""):
+    """Return the values of a document by their dotted keys."""
+    if isinstance(value, dict):
+        return {key: leaf for name, inner in value.items() for key, leaf in leaves(inner, f"{path}.{name}").items()}
+    if isinstance(value, list):
+        return leaves(dict(enumerate(value)), path)
+    return {path.lstrip("."): value}
+
+
+@pytest.fixture
+def _without_limits(monkeypatch):
+    certify_law = avc.certify_law
+    monkeypatch.setattr(avc, "certify_law", lambda *law, **gains: certify_law(*law, **gains, limits=False))
+
+
+def judged_law(source, typed, capsys):
+    """Return the law that `certify` judges, its values by their keys."""
+    main(["certify", str(source), *typed, "--json"])
+    return leaves(json.loads(capsys.readouterr().out)["law"])
+
+
+@pytest.mark.usefixtures("_without_limits")
+@pytest.mark.parametrize(
+    ("option", "typed", "velocity", "replaced"),
+    [
+        ("k", "600", SMOOTHED, {"stiffness_n_per_m": 600.0}),
+        ("b", "6", SMOOTHED, {"damping_ns_per_m": 6.0}),
+        ("b-p", "0.6", SMOOTHED, {"local_damping_ns_per_m": 0.6}),
+        ("ki", "50", SMOOTHED, {"integral_n_per_m_s": 50.0}),
+        ("virtual-mass", "20 g", SMOOTHED, {"virtual_mass_kg": 0.02}),
+        ("cutoff-hz", "40", SMOOTHED, {"velocity.cutoff_hz": 40.0}),
+        ("velocity", "low-pass 40 Hz", SMOOTHED, {"velocity.cutoff_hz": 40.0}),
+        ("velocity", "window 5", WINDOW, {"velocity.samples": 5}),
+        ("notch", "100 Hz", SMOOTHED, {"filters.1.frequency_hz": 100.0}),
+        ("friction-compensation", "0.04N", SMOOTHED, {"friction_compensation.force_n": 0.04}),
+        ("friction-compensation", "0.05N, 0.2m/s", SMOOTHED, {"friction_compensation.velocity_m_per_s": 0.2}),
+    ],
+)
+def test_an_option_replaces_the_value_that_it_names_and_no_other(option, typed, velocity, replaced, tmp_path, capsys):
+    source = tmp_path / "law.toml"
+    source.write_text(EVERY_PIECE.format(velocity=velocity))
+    declared = judged_law(source, [], capsys)
+    assert judged_law(source, [f"--{option}={typed}"], capsys) == declared | replaced
+
+
+@pytest.mark.usefixtures("_without_limits")
+def test_an_estimator_of_another_kind_replaces_the_whole_estimator(tmp_path, capsys):
+    source = tmp_path / "law.toml"
+    source.write_text(EVERY_PIECE.format(velocity=SMOOTHED))
+    law = judged_law(source, ["--velocity", "window 5"], capsys)
+    assert {key: value for key, value in law.items() if key.startswith("velocity")} == {
+        "velocity.kind": "window",
+        "velocity.samples": 5,
+    }
+
+
+@pytest.mark.usefixtures("_without_limits")
+def test_a_notch_is_added_behind_filters_without_one_and_refused_beside_two(tmp_path, capsys):
+    device = "[device]\nmass_kg = 0.07\ndamping_ns_per_m = 0.37\n[law]\nstiffness_n_per_m = 500.0\n"
+    smoothing = '[[law.filters]]\nkind = "low-pass"\ncutoff_hz = 15\n'
+    notch = '[[law.filters]]\nkind = "notch"\nfrequency_hz = 90\n'
+    source = tmp_path / "law.toml"
+    source.write_text(device + smoothing)
+    law = judged_law(source, ["--notch", "200 Hz"], capsys)
+    assert (law["filters.0.cutoff_hz"], law["filters.1.frequency_hz"]) == (15.0, 200.0)
+    source.write_text(device + smoothing + 2 * notch)
+    assert main(["certify", str(source), "--notch", "200 Hz"]) == 2
+    assert "law.filters[1] and law.filters[2] are 2 notches" in " ".join(capsys.readouterr().err.split())
+
+
+@pytest.mark.usefixtures("_without_limits")
+def test_a_cutoff_is_refused_for_an_estimator_that_has_none_and_filters_a_difference(tmp_path, capsys):
+    source = tmp_path / "law.toml"
+    source.write_text(EVERY_PIECE.format(velocity=WINDOW))
+    assert main(["certify", str(source), "--cutoff-hz", "40"]) == 2
+    message = " ".join(capsys.readouterr().err.split())
+    assert 'law.velocity is of kind "window"; leave it out, or replace the estimator' in message
+    assert '--velocity "low-pass 40 Hz"' in message
+    source.write_text(EVERY_PIECE.format(velocity='{ kind = "difference" }'))
+    law = judged_law(source, ["--cutoff-hz", "40"], capsys)
+    assert (law["velocity.kind"], law["velocity.cutoff_hz"]) == ("low-pass", 40.0)
