@@ -227,3 +227,37 @@ def test_a_cutoff_is_refused_for_an_estimator_that_has_none_and_filters_a_differ
     source.write_text(EVERY_PIECE.format(velocity='{ kind = "difference" }'))
     law = judged_law(source, ["--cutoff-hz", "40"], capsys)
     assert (law["velocity.kind"], law["velocity.cutoff_hz"]) == ("low-pass", 40.0)
+
+
+LATE_DEVICE = """\
+[device]
+mass_kg = 0.1
+damping_ns_per_m = 0.6
+delay_samples = 3
+[environment]
+stiffness_n_per_m = 5000.0
+damping_ns_per_m = 2.0
+"""
+
+
+@pytest.mark.parametrize(
+    ("k", "b", "words"),
+    [
+        ("5600", "32.7", "no: unstable when released, stable with every hand: "),
+        ("20000", "1", "no: unstable: "),
+    ],
+)
+def test_an_unstable_law_names_the_loop_that_fails_where_the_other_one_is_stable(k, b, words, tmp_path, capsys):
+    source = tmp_path / "late.toml"
+    source.write_text(LATE_DEVICE)
+    main(["certify", str(source), "--k", k, "--b", b])
+    assert words in " ".join(capsys.readouterr().out.split())
+
+
+def test_the_walls_of_all_hands_are_said_to_be_held_only(tmp_path, capsys):
+    source = tmp_path / "late.toml"
+    source.write_text(LATE_DEVICE)
+    assert main(["zwidth", str(source)]) == 0
+    rows = {line.strip().partition("  ")[0]: line for line in capsys.readouterr().out.splitlines()}
+    assert "held only, not released" in rows["Stable, all hands"]
+    assert "held" not in rows["Stable, released"]

@@ -417,10 +417,10 @@ def _stiffest_wall(label: str, curve: Curve, result: ZWidth) -> Row:
     if not known:
         return row(label, "none")
     stiffness, damping = max(known)
+    held = ", held only, not released" if curve.key == "stable-hands" else ""
     beyond = "; larger wall dampings were not searched" if damping == result.damping_ns_per_m[-1] else ""
-    return row(
-        label, "up to", Value(stiffness, "stiffness"), "with a wall damping of", Value(damping, "damping"), beyond
-    )
+    wall = (Value(stiffness, "stiffness"), "with a wall damping of", Value(damping, "damping"))
+    return row(label, "up to", *wall, f"{held}{beyond}")
 
 
 def scene(result: SimulatedScene, problem: Problem, shown: str = "") -> Answer:

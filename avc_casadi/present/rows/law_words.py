@@ -32,9 +32,18 @@ def law_clauses(certificate: LawCertificate, units: Units) -> tuple[str, ...]:
     if certificate.detent is not None and not certificate.detent.passed:
         return (worded(certificate.detent, units),)
     plain_law = isinstance(certificate.law, SpringDamper)
+    unstable = _unstable(certificate)
     if not certificate.limited:
-        return ("unstable",)
-    return (f"unstable: {_plain_cause(certificate, units) if plain_law else _cause(certificate, units)}",)
+        return (unstable,)
+    return (f"{unstable}: {_plain_cause(certificate, units) if plain_law else _cause(certificate, units)}",)
+
+
+def _unstable(certificate: LawCertificate) -> str:
+    """Return that a law is unstable, and which loop is where the other one is stable: with a hand, or released."""
+    held, released, free = certificate.held, certificate.released, certificate.free
+    if released is None or held.stable == released.stable or (free is not None and not free.stable):
+        return "unstable"
+    return "unstable when released, stable with every hand" if held.stable else "unstable with a hand"
 
 
 def _doubts(certificate: LawCertificate) -> str:
