@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
@@ -16,6 +17,7 @@ from avc_casadi.files.new_options import (
     CONTACT,
     DAMPERS,
     DELAY,
+    ENCODER,
     HANDS,
     HOLDS,
     MASS,
@@ -29,6 +31,8 @@ from avc_casadi.files.toml import toml_value
 from avc_casadi.model.hands import FINGERTIP
 from avc_casadi.model.unit_text import read_quantity, unit_of_key
 
+_LEAST_RECIPROCAL = 1.0
+"""From here on a number without a unit is no sample time in s and no encoder step in m or rad."""
 _STAND_IN_PERIOD_S = 1e-3
 """Stands in place of a faulty rate, which is reported by itself."""
 
@@ -79,6 +83,7 @@ class Draft(ABC):
         """Return all faults of the values, each under the key of its option."""
         needed = [option for option in self.required() if not self.typed.get(option.key)]
         missing = {option.key: f"is missing; for example {option.examples[not self.units.linear]}" for option in needed}
+        missing |= self._without_unit()
         faults = [Fault("", None, key, message) for key, message in missing.items()]
         try:
             self.problem()
@@ -90,6 +95,23 @@ class Draft(ABC):
                     # An option has no unit, the key of the file names that of what is allowed.
                     message = fault.message if key is None else f"{fault.key} {fault.message}"
                     faults.append(Fault("", None, key or fault.key, message))
+        return faults
+
+    def _without_unit(self) -> dict[str, str]:
+        """Return what is wrong, by key, with numbers without a unit that cannot be meant in the SI unit of their key.
+
+        They are read as their reciprocals, too: a rate for a sample time, counts or steps per inch for an encoder step.
+        """
+        faults = {}
+        for option in (RATE, ENCODER):
+            number = _bare_number(self.typed.get(option.key, ""))
+            if number is not None and _LEAST_RECIPROCAL <= number < math.inf:
+                unit = unit_of_key(self.units.key(option.key), self.units)
+                examples = option.examples[not self.units.linear]
+                if option is RATE:
+                    examples = f"{number:g} Hz, or {1e3 / number:.3g} ms"
+                meant = f"is {number:g} without a unit, which means {number:g} {unit}"
+                faults[option.key] = f"{meant}; give a unit: {examples}"
         return faults
 
     def text(self) -> str:
@@ -186,6 +208,13 @@ class Draft(ABC):
         """Return the radius of the handle, or 1 where it is missing or faulty, which is reported by itself."""
         radius = _read(self.typed.get(RADIUS.key, ""), "m")
         return radius if isinstance(radius, float) else 1.0
+
+
+def _bare_number(text: str) -> float | None:
+    """Return a number that is typed without a unit, or None."""
+    with suppress(ValueError):
+        return float(text)
+    return None
 
 
 def _read(text: str, unit: str, metres_per_radian: float | None = None) -> float | str:

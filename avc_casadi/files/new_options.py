@@ -63,6 +63,7 @@ MASS = _BY_KEY["device.mass_kg"]
 DAMPING = _BY_KEY["device.damping_ns_per_m"]
 RATE = _BY_KEY["device.sample_time_s"]
 DELAY = _BY_KEY["device.delay_samples"]
+ENCODER = _BY_KEY["device.encoder_resolution_m"]
 WALL_DAMPING = _BY_KEY["environment.damping_ns_per_m"]
 HANDS = tuple(option for option in EVERY if option.key.startswith("hands."))
 CONTACT = _BY_KEY["contact.stiffness_n_per_m"]

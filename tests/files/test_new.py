@@ -91,6 +91,30 @@ def test_options_write_the_numbers_that_were_typed(tmp_path, monkeypatch, capsys
     }
 
 
+@pytest.mark.parametrize(
+    ("typed", "said"),
+    [
+        (["--rate", "500"], "--rate: is 500 without a unit, which means 500 s; give a unit: 500 Hz, or 2 ms"),
+        (["--rate", "2"], "--rate: is 2 without a unit, which means 2 s; give a unit: 2 Hz, or 500 ms"),
+        (["--encoder", "450"], "--encoder: is 450 without a unit, which means 450 m; give a unit: 55 um, 450 dpi"),
+    ],
+)
+def test_a_number_without_a_unit_that_cannot_be_meant_in_si_units_is_refused(typed, said, tmp_path, capsys):
+    file = tmp_path / "wall.toml"
+    assert main(["new", str(file), *TYPED, *typed]) == 2
+    message = " ".join(capsys.readouterr().err.split())
+    assert said in message
+    assert message.count("--rate") + message.count("--encoder") == 1
+    assert not file.exists()
+
+
+def test_a_sample_time_without_a_unit_is_in_seconds(tmp_path, capsys):
+    file = tmp_path / "wall.toml"
+    assert main(["new", str(file), *TYPED, "--rate", "0.002"]) == 0
+    capsys.readouterr()
+    assert avc_casadi.load_problem(str(file)).device.sample_time_s == 0.002
+
+
 def test_a_file_that_is_there_stays_unless_forced(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "wall.toml").write_text("mine", encoding="utf-8")
