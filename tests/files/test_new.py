@@ -337,6 +337,25 @@ def test_the_file_of_an_admittance_device_marks_what_is_assumed(tmp_path, monkey
     assert main(["check", "arm.toml"]) == 0
 
 
+@pytest.mark.parametrize("contact", [[], ["--contact", "20 kN/m", "--contact-damping", "5 N.s/m"]])
+def test_a_forgotten_unit_of_an_admittance_device_is_a_warning(contact, tmp_path, capsys):
+    file = tmp_path / "arm.toml"
+    typed = ["--drive", "velocity", "--drive-bandwidth", "15 Hz", "--sensor-stiffness", "1 kN/mm"]
+    assert main(["new", str(file), *typed, "--handle-mass", "800", *contact]) == 0
+    warned = [line for line in capsys.readouterr().out.splitlines() if "! Warning" in line]
+    assert [line.split()[2] for line in warned] == ["device.force_sensor.handle_mass_kg"]
+
+
+def test_a_forgotten_unit_is_the_warning_that_check_gives(tmp_path, capsys):
+    file = tmp_path / "wall.toml"
+    warned = []
+    for command in (["new", str(file), "--mass", "120", "--wall", "3 kN/m"], ["check", str(file)]):
+        assert main(command) == 0
+        warned.append([line.split() for line in capsys.readouterr().out.splitlines() if "! Warning" in line])
+    assert warned[0] == warned[1]
+    assert any("device.mass_kg" in line for line in warned[0])
+
+
 def test_an_admittance_device_that_turns_has_its_own_options(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     turned = ["--drive", "velocity", "--radius", "150 mm", "--drive-bandwidth", "20 Hz", "--held", "fingertip"]

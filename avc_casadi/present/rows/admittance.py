@@ -258,7 +258,8 @@ def drafted(new: NewAdmittance, shown: str) -> Answer:
     problem, units = new.problem(), new.units
     unknown = new.unknown()
     costs = (f"{units.key(option.key_beside_device)}: {option.cost}" for option in unknown)
-    doubts = () if CONTACT.key not in new.typed else doubts_of(problem)
+    told = () if CONTACT.key in new.typed else tuple(contact_doubts(problem))
+    doubts = [doubt for doubt in doubts_of(problem) if doubt not in told]
     assumed = {units.key(key): value for key, value in new.assumed().items()}
     rows = [
         row("Hands", f"{new.held}:", _hands_line(problem)),
