@@ -26,7 +26,7 @@ from avc_casadi.claims.hands import worst_case_behind_observer, worst_case_over_
 from avc_casadi.claims.level_claims import DetentsBehindFeedback, Unsupported, WhyNotJudged
 from avc_casadi.claims.levels import LevelResult
 from avc_casadi.coupling import Coupling, require_coupling
-from avc_casadi.loops.margins import LEAST_DISK, OpenLoop
+from avc_casadi.loops.margins import LEAST_DISK, SOUND_DISK, OpenLoop
 from avc_casadi.loops.plant_family import PlantFamily, WorstCase
 from avc_casadi.loops.stable_walls import damping_range, in_contact, stiffest_wall
 from avc_casadi.loops.wall import frozen_law
@@ -208,6 +208,11 @@ class Deployable(Worded, Document):
     def passed(self) -> bool:
         """Whether the coupling may be deployed."""
         return all(claim.passed for claim in self.claims)
+
+    @property
+    def sound(self) -> bool:
+        """Whether its disk margin is not thin; a margin that is not known is not doubted."""
+        return math.isnan(self.disk_margin) or self.disk_margin >= SOUND_DISK
 
     @property
     def failed(self) -> list[DeployClaim]:

@@ -150,6 +150,11 @@ class LawCertificate(Printed):
         return self.passed
 
     @property
+    def sound(self) -> bool:
+        """Whether nothing of it is doubted: no thin disk margin, no noise that is felt, no need of friction."""
+        return self.disk_margin >= SOUND_DISK and self.quiet and not self.leans
+
+    @property
     def quiet(self) -> bool:
         """Whether noise of the position gives no force that is felt."""
         return self.noise_n <= self.quiet_n
@@ -459,7 +464,7 @@ def _certify_spring_damper(law: SpringDamper, stated: Problem, how: _How, *, rem
         remedies=() if remedies else None,
         friction=_credited(analysis, acting, law) if how.lean and not stable else None,
     )
-    if not remedies or (certificate.passed and certificate.disk_margin >= SOUND_DISK and certificate.quiet):
+    if not remedies or (certificate.passed and certificate.sound):
         return certificate
     stages.begin("what would help")
     return replace(certificate, remedies=tuple(remedies_of(law, stated, analysis)))

@@ -93,7 +93,7 @@ def _law_exported(args: argparse.Namespace, console: Console) -> Answer:
     paths = _export(problem, args, console)
     subject = law_subject(problem, unsafe=args.unsafe)
     exported = rows.deploy.ExportedLaw(
-        args.precision, paths, subject.id, subject.passed, subject.sentence, subject.judged_for
+        args.precision, paths, subject.id, subject.passed, subject.sound, subject.sentence, subject.judged_for
     )
     return rows.deploy.export_law(exported, problem, args.gains)
 

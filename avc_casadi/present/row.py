@@ -231,6 +231,11 @@ def grade(passed: bool, otherwise: Mark = Mark.FAIL) -> Mark:
     return Mark.PASS if passed else otherwise
 
 
+def verdict_mark(passed: bool, sound: bool) -> Mark:
+    """Return the mark of a verdict on deployment: a caution where it may be deployed, but something is doubted."""
+    return grade(sound, Mark.CAUTION) if passed else Mark.FAIL
+
+
 def caution(doubt: object) -> Mark:
     """Return the mark of what is only noted unless there is a doubt."""
     return Mark.CAUTION if doubt else Mark.NONE

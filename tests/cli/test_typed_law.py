@@ -261,3 +261,24 @@ def test_the_walls_of_all_hands_are_said_to_be_held_only(tmp_path, capsys):
     rows = {line.strip().partition("  ")[0]: line for line in capsys.readouterr().out.splitlines()}
     assert "held only, not released" in rows["Stable, all hands"]
     assert "held" not in rows["Stable, released"]
+
+
+THIN_LAW = """\
+[device]
+mass_kg = 0.12
+damping_ns_per_m = 0.8
+[law]
+stiffness_n_per_m = {k}
+damping_ns_per_m = 12.0
+"""
+
+
+@pytest.mark.parametrize("k", [3000, 9000, 40000])
+def test_export_gives_the_mark_of_certify(k, tmp_path, capsys):
+    source = tmp_path / "law.toml"
+    source.write_text(THIN_LAW.format(k=k))
+    main(["certify", str(source)])
+    certified = next(line for line in capsys.readouterr().out.splitlines() if "Deployable" in line)
+    main(["export", str(source), "--c", str(tmp_path), "--unsafe", "--force"])
+    exported = next(line for line in capsys.readouterr().out.splitlines() if "Verdict" in line)
+    assert exported.split()[0] == certified.split()[0]

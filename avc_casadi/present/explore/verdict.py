@@ -13,7 +13,7 @@ from avc_casadi.claims.own_law import LawCertificate
 from avc_casadi.design.pair_certificate import PairCertificate
 from avc_casadi.design.virtual_tool import WIDEST_MARGIN
 from avc_casadi.loops.margins import SOUND_DISK
-from avc_casadi.present.row import Mark, Part, Row, Value, grade, parts, row
+from avc_casadi.present.row import Mark, Part, Row, Value, grade, parts, row, verdict_mark
 from avc_casadi.present.rows.other_ends import thin
 from avc_casadi.present.rows.recommend import recommendation, ringing, verdict
 from avc_casadi.recommendation.recommendation import NoCoupling, PairRecommendation, Recommendation, WallRecommendation
@@ -58,8 +58,7 @@ def of_law(certificate: LawCertificate) -> Verdict:
     margin = disk_margin(certificate.disk_margin)
     if not certificate.passed:
         return Verdict(Mark.FAIL, NOT_DEPLOYABLE, margin)
-    sound = certificate.disk_margin >= SOUND_DISK and certificate.quiet
-    return Verdict(grade(sound, Mark.CAUTION), DEPLOYABLE, margin)
+    return Verdict(verdict_mark(certificate.passed, certificate.sound), DEPLOYABLE, margin)
 
 
 def of_admittance(certificate: AdmittanceCertificate) -> Verdict:
@@ -91,8 +90,7 @@ def of_coupling(deployable: Deployable | None) -> Verdict:
         return Verdict(Mark.FAIL, "no gains")
     if not deployable.passed:
         return Verdict(Mark.FAIL, NOT_DEPLOYABLE)
-    sound = math.isnan(deployable.disk_margin) or deployable.disk_margin >= SOUND_DISK
-    return Verdict(grade(sound, Mark.CAUTION), DEPLOYABLE, disk_margin(deployable.disk_margin))
+    return Verdict(verdict_mark(deployable.passed, deployable.sound), DEPLOYABLE, disk_margin(deployable.disk_margin))
 
 
 def of_recommendation(recommended: Recommendation) -> Judged:

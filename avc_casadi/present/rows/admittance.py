@@ -48,6 +48,7 @@ from avc_casadi.present.row import (
     row,
     span,
     stable_ends,
+    verdict_mark,
 )
 from avc_casadi.present.rows import subject
 from avc_casadi.recommendation.admittance import AdmittanceRecommendation, BetterDevice
@@ -190,7 +191,7 @@ def certificate(result: AdmittanceCertificate, shown: str = "") -> Answer:
     problem = result.problem
     shown = shown or problem.typed_name
     sound = result.disk_margin >= SOUND_DISK
-    mark = Mark.FAIL if not result.passed else grade(sound and not result.rings, Mark.CAUTION)
+    mark = verdict_mark(result.passed, sound and not result.rings)
     rows = [
         row("Deployable", f"{'yes' if result.passed else 'no'}: {result.reason}", mark=mark),
         margins(result, result.problem),

@@ -18,7 +18,7 @@ from avc_casadi.claims.judged_for import JudgedFor
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.ends import End, Follower, Simulation, Wall
 from avc_casadi.model.problem import Problem
-from avc_casadi.present.row import Answer, Mark, Part, Row, Value, commas, grade, parts, row
+from avc_casadi.present.row import Answer, Mark, Part, Row, Value, commas, grade, parts, row, verdict_mark
 from avc_casadi.present.rows import engines, pieces, subject
 from avc_casadi.present.rows.reports import (
     ReportedBoard,
@@ -257,6 +257,7 @@ class ExportedLaw:
         files: paths of the files.
         law: its identifier.
         passed: whether it is deployable; else it went on by request.
+        sound: whether nothing of it is doubted.
         sentence: the verdict.
         judged_for: hands and margin that the verdict is for.
     """
@@ -265,6 +266,7 @@ class ExportedLaw:
     files: tuple[str, ...]
     law: str
     passed: bool
+    sound: bool
     sentence: str
     judged_for: JudgedFor
 
@@ -275,7 +277,7 @@ def export_law(result: ExportedLaw, problem: Problem, shown: str) -> Answer:
     assert law is not None  # noqa: S101 - it was exported
     rate = Value(1 / problem.device.sample_time_s, "frequency")
     rows = [
-        row("Verdict", result.sentence, mark=grade(result.passed)),
+        row("Verdict", result.sentence, mark=verdict_mark(result.passed, result.sound)),
         row("Law", f"{result.law}:", pieces.named(law), "" if problem.law_in_wall else ", on both sides of 0"),
         row("C", f"{result.precision} precision,", rate),
         subject.judged_for(result.judged_for),

@@ -31,7 +31,7 @@ from avc_casadi.model.effects import SaturationEffect
 from avc_casadi.model.ends import End, Simulation, ToolGains, Wall
 from avc_casadi.model.problem import Problem
 from avc_casadi.present import words
-from avc_casadi.present.row import Answer, Mark, Part, Row, Value, caution, commas, grade, parts, row
+from avc_casadi.present.row import Answer, Mark, Part, Row, Value, caution, commas, grade, parts, row, verdict_mark
 from avc_casadi.present.rows import pieces, subject
 from avc_casadi.present.rows.claim_words import detent_row_text
 from avc_casadi.present.rows.other_ends import stability
@@ -195,8 +195,7 @@ def _law(values: Mapping[str, float]) -> tuple[Part, ...]:
 
 def _law_rows(result: LawCertificate) -> list[Row]:
     """Return the rows of the verdict on a law: margins, worst hand, limits, friction, and what would help."""
-    sound = result.disk_margin >= SOUND_DISK and result.quiet
-    mark = Mark.FAIL if not result.passed else grade(sound and not result.leans, Mark.CAUTION)
+    mark = verdict_mark(result.passed, result.sound)
     rows = [
         row("Deployable", f"{'yes' if result.passed else 'no'}: {result.reason}", mark=mark),
         *_law_loops(result),
@@ -215,7 +214,7 @@ def _law_rows(result: LawCertificate) -> list[Row]:
         other_end = "[simulation] or [follower]: this law acts in the device's own loop, every"
         period = Value(problem.device.sample_time_s, "time")
         rows.append(row("Not used", other_end, period, mark=Mark.CAUTION))
-    if not sound and result.remedies is not None:
+    if not result.sound and result.remedies is not None:
         helps = commas(map(_remedy, result.remedies), ";")
         rows.append(row("Would help", helps or "none of k, b, cutoff (down to 1 %), sample time and delay alone"))
     return [*rows, *subject.unusual(problem)]

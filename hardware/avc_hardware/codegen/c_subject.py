@@ -52,6 +52,7 @@ class CSubject:
         meant: what a sample time other than its own would change.
         problem: device, names and detents.
         passed: whether it is deployable.
+        sound: whether nothing of it is doubted.
         sentence: the verdict on its deployment.
         judged_for: hands and margin that the verdict is for.
         place: where it acts.
@@ -65,6 +66,7 @@ class CSubject:
     meant: str
     problem: Problem
     passed: bool
+    sound: bool
     sentence: str
     judged_for: JudgedFor
     place: Place
@@ -96,6 +98,7 @@ def coupling_subject(coupling: Coupling, verdict: Deployable) -> CSubject:
         meant="the gains mean",
         problem=problem,
         passed=verdict.passed,
+        sound=verdict.sound,
         sentence=verdict.sentence if verdict.passed else f"UNSAFE, written by request: {verdict.sentence}",
         judged_for=JudgedFor.of_coupling(coupling),
         place="wall" if problem.detent is None else "detents",
@@ -115,7 +118,7 @@ def law_subject(problem: Problem, *, unsafe: bool) -> CSubject:
     law = require_device(problem).law
     if law is None:
         raise InputError.of("is missing; allowed: a table [law], or a coupling file", file=problem.name, key="law")
-    passed, sentence = _verdict(problem)
+    passed, sound, sentence = _verdict(problem)
     if not passed and not unsafe:
         raise NotDeployableError(f"{problem.name}, [law]: {sentence}; --unsafe (in Python unsafe=True) overrides.")
     period = law.period_s(problem.device.sample_time_s)
@@ -137,6 +140,7 @@ def law_subject(problem: Problem, *, unsafe: bool) -> CSubject:
         meant="its numbers mean",
         problem=problem,
         passed=passed,
+        sound=sound,
         sentence=sentence if passed else f"UNSAFE, written by request: {sentence}",
         judged_for=JudgedFor.of_law(problem),
         place=in_wall if problem.law_in_wall else "everywhere",
@@ -155,15 +159,16 @@ def law_id(problem: Problem) -> str:
     return hash_of(stated)
 
 
-def _verdict(problem: Problem) -> tuple[bool, str]:
-    """Return whether a law is deployable, and why in a sentence; what is not judged is not."""
+def _verdict(problem: Problem) -> tuple[bool, bool, str]:
+    """Return whether a law is deployable and nothing doubted, and why in a sentence; what is not judged is neither."""
     # What is beyond a limit is said of a spring and damper; the limits of many numbers take long.
     limits = problem.law is not None and problem.law.is_spring_damper
     try:
         certificate = certify_law(problem, remedies=False, limits=limits)
     except UnsupportedError as error:
-        return False, f"not judged: {error}"
-    return certificate.passed, f"{'deployable' if certificate.passed else 'not deployable'}: {certificate.reason}"
+        return False, False, f"not judged: {error}"
+    word = "deployable" if certificate.passed else "not deployable"
+    return certificate.passed, certificate.sound, f"{word}: {certificate.reason}"
 
 
 def _pieces(problem: Problem) -> list[str]:
