@@ -29,13 +29,13 @@ class Registry(Mapping[str, Thing], Generic[Thing]):
         """Declare one object."""
         self._things[name] = rank, thing
 
-    def named(self, name: str, key: str | None = None) -> Thing:
-        """Return the object of a name."""
+    def named(self, name: str, key: str | None = None, also: tuple[str, ...] = ()) -> Thing:
+        """Return the object of a name; `also` are names that the caller knows besides, for the fault of another."""
         if isinstance(name, str) and name in self:
             return self[name]
-        near = difflib.get_close_matches(name, self, n=1) if isinstance(name, str) else []
+        near = difflib.get_close_matches(name, (*also, *self), n=1) if isinstance(name, str) else []
         hint = f", did you mean {near[0]}?" if near else ""
-        message = f"{name!r} is not a known {self.kind}{hint}; allowed: {', '.join(self)}"
+        message = f"{name!r} is not a known {self.kind}{hint}; allowed: {', '.join((*also, *self))}"
         raise InputError.of(message, key=self.kind if key is None else key)
 
     def __getitem__(self, name: str) -> Thing:

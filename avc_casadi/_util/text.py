@@ -18,15 +18,19 @@ def number(value: float | None, digits: int = 4) -> str:
     return "-" if value is None or math.isnan(value) else f"{value + 0.0:.{digits}g}"  # -0 is 0
 
 
-def quantity(value: float | None, unit: str, digits: int = 3) -> str:
-    """Return a value with its unit, to so many significant digits: 99 040 N/m as ``99.0 kN/m``; a dash for none."""
+def quantity(value: float | None, unit: str, digits: int = 3, beside: float | None = None) -> str:
+    """Return a value with its unit, to so many significant digits: 99 040 N/m as ``99.0 kN/m``; a dash for none.
+
+    An inertia has the unit of that beside which it stands, if one is given.
+    """
     if value is None or math.isnan(value):
         return "-"
     largest_power = max(_PREFIXES)
     if unit == "kg":  # never Mg
         value, unit, largest_power = 1e3 * value, "g", 3
     if unit == "kg.m2":
-        value, unit = (value, unit) if abs(value) >= _LEAST_KG_M2 or value == 0 else (1e7 * value, "g.cm2")
+        size = abs(value if beside is None else beside)
+        value, unit = (value, unit) if size >= _LEAST_KG_M2 or size == 0 else (1e7 * value, "g.cm2")
     if math.isinf(value):
         return f"{'-' if value < 0 else ''}unbounded"
     if abs(value) < _NO_QUANTITY:

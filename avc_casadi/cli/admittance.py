@@ -35,7 +35,8 @@ def certified(args: argparse.Namespace, console: Console) -> Answer:
     """Return the answer of `certify` of the law of the file, or of that with values that are typed."""
     problem = load_sensor_problem(args.problem)
     pieces = ("b_p", "ki", "velocity", "notch", "friction_compensation")
-    others = ("gains", "prove", "proof_out", "lean_on_friction", *pieces)
+    others = ("prove", "proof_out", "lean_on_friction", *pieces)
+    cli.refuse_file(args, "gains", why="does not apply to a device with a force sensor; leave it out")
     if isinstance(problem, avc.ForceFeedbackProblem):
         cli.refuse(
             args, *others, *_LAW, why="does not apply to a device with a force sensor; state the device's law in [law]"
@@ -57,8 +58,7 @@ def recommended(args: argparse.Namespace, console: Console) -> Answer:
     cli.refuse(args, "stiffest", "lean_on_friction", "prove", "trade_off", why=refused)
     cli.refuse(args, "hands", why="is of simulated hands, which choose no law for a force sensor; leave it out")
     cli.refuse(args, "frequency", why="applies to a joint that an engine moves, but P has a device; leave it out")
-    if args.out is not None and args.out.suffix.lower() != ".toml":
-        raise avc.InputError.of("ends in .json; allowed: .toml, the file of the device with its law", key="out")
+    cli.require_ending(args.out, ".toml", "the file of the device with its law")
     if isinstance(problem, avc.ForceFeedbackProblem):
         with console.step("gain of the force"):
             lightened = avc.recommend_force_feedback(args.problem, progress=console)

@@ -73,16 +73,19 @@ def flag(name: str, text: str) -> Argument:
     return argument(name, action="store_true", text=text)
 
 
-def output(name: str, text: str, kinds: Mapping[str, tuple[FileKind, ...]]) -> Argument:
+def output(
+    name: str, text: str, kinds: Mapping[str, tuple[FileKind, ...]], *, ending_by_problem: bool = False
+) -> Argument:
     """Return an option that names a file to write, which is checked before the long work.
 
-    `kinds` has the kinds of files that it writes, by the ending: it writes over no other file.
+    `kinds` has the kinds of files that it writes, by the ending: it writes over no other file. `ending_by_problem`:
+    which of the endings is allowed depends on the problem, and the verb refuses the others by `require_ending`.
     """
 
     def path_of(typed: str) -> Path:
         path, fault = Path(typed), ""
         if path.suffix.lower() not in kinds:
-            fault = f" ends in {path.suffix!r}; allowed: {', '.join(kinds)}"
+            fault = "" if ending_by_problem else f" ends in {path.suffix!r}; allowed: {', '.join(kinds)}"
         elif path.is_dir():
             fault = " is a folder; give a file name"
         elif not path.parent.is_dir():
@@ -104,6 +107,13 @@ def output(name: str, text: str, kinds: Mapping[str, tuple[FileKind, ...]]) -> A
         return path
 
     return argument(name, metavar="FILE", type=path_of, text=text)
+
+
+def require_ending(path: Path | None, ending: str, written: str) -> None:
+    """Refuse a file of another ending than that of what is written, in words, for a problem."""
+    if path is not None and path.suffix.lower() != ending:
+        message = f"{str(path)!r} ends in {path.suffix!r}; allowed for this problem: {ending}, {written}"
+        raise avc.InputError.of(message, key="out")
 
 
 def _foreign(path: Path, kinds: tuple[FileKind, ...]) -> str:
@@ -293,6 +303,12 @@ def refuse(args: argparse.Namespace, *options: str, why: str) -> None:
     for option in options:
         if getattr(args, option, None) not in (None, False, 0):
             raise avc.InputError.of(why, key=option)
+
+
+def refuse_file(args: argparse.Namespace, argument: str, why: str) -> None:
+    """Refuse a file without an option that does not apply, by its name as typed."""
+    named = getattr(args, argument)
+    refuse(args, argument, why=f"{named!r} {why}")
 
 
 def is_coupling(text: str) -> bool:

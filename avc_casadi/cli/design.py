@@ -216,6 +216,7 @@ def _at_tip(new: NewProblem, model: str | None, tip: str | None) -> NewProblem:
         "--out",
         "write the coupling to this .json file; for an admittance device, the problem file with its law, .toml",
         {".json": (FileKind.COUPLING,), ".toml": (FileKind.PROBLEM,)},
+        ending_by_problem=True,
     ),
     cli.flag("--stiffest", _STIFFEST),
     cli.flag("--lean-on-friction", "accept couplings that need the declared dry friction to settle"),
@@ -244,8 +245,7 @@ def run_recommend(args: argparse.Namespace, console: Console) -> Answer:
     with console.step(args.problem):
         problem = avc.load_problem(args.problem)
 
-    if args.out is not None and args.out.suffix.lower() != ".json":
-        raise avc.InputError.of("ends in .toml; allowed: .json, a coupling", key="out")
+    cli.require_ending(args.out, ".json", "a coupling")
     from avc_casadi.cli import ends
 
     return ends.recommended(problem.end, problem, args, console)

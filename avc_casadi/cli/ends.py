@@ -49,6 +49,9 @@ from avc_hardware.codegen.pair_export import pair_verdict
 
 _OF_DEVICES = "is an option of devices, and P is a joint that an engine moves; leave it out"
 
+_NO_COUPLING = "none"
+"""Name of the motion without a coupling in --against."""
+
 
 @dataclass(frozen=True)
 class DeploymentNote:
@@ -237,7 +240,7 @@ def simulated(end: End, subject: GivenCoupling, args: argparse.Namespace, consol
     if why:
         raise avc.NotDeployableError(f"{args.gains or f'{problem.name}: scene.coupling'}: {why}")
     with console.step(f"{problem.scene.duration_s:g} s of the scene"):
-        laws = [given, *(NO_COUPLING if method == "none" else avc.solve(problem, method) for method in compared)]
+        laws = [given, *(NO_COUPLING if method == _NO_COUPLING else avc.solve(problem, method) for method in compared)]
         runs = [avc.simulate(problem, law, seed=args.seed) for law in laws]
         result = SimulatedScene.of(runs[0])
     if args.verbose or args.json:
@@ -255,8 +258,8 @@ def _compared(args: argparse.Namespace) -> list[str]:
     if len(compared) > 3:  # a figure holds four runs that one can tell apart
         raise avc.InputError.of(f"names {len(compared)}; allowed: at most 3", key="against")
     for name in compared:
-        if name != "none":
-            METHODS.named(name, key="against")
+        if name != _NO_COUPLING:
+            METHODS.named(name, key="against", also=(_NO_COUPLING,))
     return compared
 
 

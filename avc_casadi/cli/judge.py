@@ -70,7 +70,8 @@ def run_certify(args: argparse.Namespace, console: Console) -> Answer:
         why = f"does not apply to {args.problem}, which has gains; leave it out, or give a problem for your own gains"
         cli.refuse(args, *of_plain_law, *of_pieces, why=why)
     if typed or states_law(args.problem, args.gains):
-        cli.refuse(args, "prove", "proof_out", "gains", why="does not apply to your own gains; leave it out")
+        cli.refuse(args, "prove", "proof_out", why="does not apply to your own gains; leave it out")
+        cli.refuse_file(args, "gains", why="does not apply to your own gains; leave it out")
         problem = law_problem(args.problem)
         read_numbers(args, problem.units, problem.device.handle_radius_m)
         law = {key: getattr(args, key) for key in of_plain_law if getattr(args, key) is not None}

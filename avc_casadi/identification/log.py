@@ -301,7 +301,8 @@ def faults_of(columns: Columns, *, swing: bool = False) -> list[Fault]:
         faults += faults_of_rows(columns.file, key, rows, "a finite number")
     fewest = _SHORTEST_SWING if swing else _SHORTEST
     if columns.time_s.size < fewest:
-        message = f"has {columns.time_s.size} samples; allowed: at least {fewest}"
+        have = columns.time_s.size
+        message = f"has {have} sample{'' if have == 1 else 's'}; allowed: at least {fewest}"
         faults.append(Fault(columns.file, None, "", message))
     if faults:
         return faults

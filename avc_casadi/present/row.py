@@ -73,12 +73,16 @@ def quantity_of(key: str) -> Quantity:
 
 @dataclass(frozen=True)
 class Value:
-    """A number and what it measures, in SI units of a linear device; `how` rounds it up or down where it is printed."""
+    """A number and what it measures, in SI units of a linear device; `how` rounds it up or down where it is printed.
+
+    `beside` is a number with whose unit it is printed, where the unit of an inertia depends on its size.
+    """
 
     number: float | None
     quantity: Quantity
     digits: int = 3
     how: Callable[[float], int] | None = None
+    beside: float | None = None
 
     @classmethod
     def of(cls, key: str, number: float | None, digits: int = 3) -> Value:
@@ -96,7 +100,7 @@ class Value:
         """Return the number with its unit for a device that slides or turns."""
         value, unit = self.printed, QUANTITIES.get(self.quantity, ("", ""))[1]
         if unit:
-            return quantity(value, units.unit(unit), self.digits)
+            return quantity(value, units.unit(unit), self.digits, self.beside)
         if self.quantity == "share":
             return percent(value)
         if self.quantity == "number":
@@ -297,7 +301,7 @@ class Page:
         while spare and (len(rows) > MOST_ROWS or len(lines) > MOST_LINES):
             rows.remove(spare[-1])
             labels.insert(0, spare.pop().name(answer.units))
-            left_out = f"left out: {', '.join(labels)}; -v shows all"
+            left_out = f"left out: {', '.join(dict.fromkeys(labels))}; -v shows all"
             lines = [*self._lines(answer, rows), *textwrap.wrap(left_out, self.width, initial_indent="  ")]
         text = "\n".join(lines)
         return text.translate(str.maketrans("✓✗·±", "+X;+")) if self.plain else text

@@ -2,6 +2,7 @@
 
 import json
 import pathlib
+import re
 
 import pytest
 
@@ -32,6 +33,32 @@ def test_an_unstable_joint_says_what_armature_would_help(joint, capsys):
     least = (12000 * 0.005**2 / 2 - 0.005 * 18.97) / 2
     assert document["armature_kgm2"] == pytest.approx(least - 0.003, rel=1e-5)
     assert document["stable_at"]["stiffness_nm_per_rad"][1] == pytest.approx(8068, rel=1e-4)
+
+
+def quantities(row):
+    """Return the numbers of a row with their units."""
+    return [(float(number), unit) for number, unit in re.findall(r"([\d.]+) (\S+2)", row)]
+
+
+@pytest.mark.parametrize(("kp", "kd"), [("100", "20"), ("500", "5"), ("1000", "4"), ("100", "4.5"), ("3000", "4")])
+def test_what_is_to_be_added_reaches_the_least_inertia_as_printed(kp, kd, tmp_path, capsys):
+    file = tmp_path / "joint.toml"
+    file.write_text('[simulation]\ntool_inertia_kgm2 = 0.0102\nstep_s = 0.005\nintegrator = "semi-implicit"\n')
+    assert main(["certify", str(file), "--kp", kp, "--kd", kd]) == 1
+    (row,) = (line for line in capsys.readouterr().out.splitlines() if "Least inertia" in line)
+    (least, unit), (added, of_added) = quantities(row)
+    assert 0.0102 + added >= least * (1 - 1e-12)
+    assert unit == of_added == "kg.m2"
+
+
+def test_the_least_inertia_has_the_unit_of_that_of_the_title(tmp_path, capsys):
+    file = tmp_path / "knee.toml"
+    file.write_text("[simulation]\ntool_inertia_kgm2 = [0.04, 0.12]\ntool_damping_nms_per_rad = 0.1\nstep_s = 0.005\n")
+    assert main(["certify", str(file), "--kp", "20", "--kd", "0.1"]) == 0
+    (row,) = (line for line in capsys.readouterr().out.splitlines() if "Least inertia" in line)
+    ((least, unit),) = quantities(row)
+    assert unit == "kg.m2"
+    assert 0 < least < 1e-3
 
 
 def test_gains_are_recommended_and_of_a_required_frequency(joint, capsys):

@@ -291,3 +291,63 @@ def takes(read, value):
     except argparse.ArgumentTypeError:
         return False
     return True
+
+
+SENSED_FILE = """\
+[device]
+drive = "force"
+mass_kg = 6.0
+damping_ns_per_m = 10.0
+[device.force_sensor]
+stiffness_n_per_m = 5e4
+damping_ratio = 0.1
+handle_mass_kg = 0.5
+[law]
+force_feedback = { gain = 2.0, cutoff_hz = 50.0 }
+damping_ns_per_m = 30.0
+[contact]
+stiffness_n_per_m = [0.0, 1e4]
+damping_ns_per_m = 5.0
+"""
+
+
+@pytest.mark.parametrize(
+    ("file", "ending", "out"),
+    [
+        (PROBLEM_FILE, ".json", "c.txt"),
+        (PROBLEM_FILE, ".json", "c.toml"),
+        (SENSED_FILE, ".toml", "c.txt"),
+        (SENSED_FILE, ".toml", "c.json"),
+    ],
+)
+def test_recommend_names_the_one_ending_that_it_writes_for_a_problem(file, ending, out, tmp_path, capsys):
+    (tmp_path / "p.toml").write_text(file)
+    fault = refused(capsys, "recommend", "p.toml", "--out", out)
+    assert fault["key"] == "--out"
+    assert f"{out!r} ends in" in fault["message"]
+    assert f"allowed for this problem: {ending}, " in fault["message"]
+
+
+def test_an_unknown_method_to_compare_with_is_told_of_none_too(capsys):
+    fault = refused(capsys, "simulate", "figure5", "--against", "none,bogus")
+    assert "allowed: none, closed-form" in fault["message"]
+
+
+def test_a_file_of_gains_beside_typed_gains_is_named(capsys):
+    assert "'c.json' does not apply" in refused(capsys, "certify", "figure5", "c.json", "--k", "3000")["message"]
+
+
+def test_a_log_of_one_sample_has_one_sample(tmp_path, capsys):
+    (tmp_path / "log.csv").write_text(f"{LINEAR_LOG}\n0,0,0\n")
+    assert "has 1 sample;" in refused(capsys, "identify", "log.csv")["message"]
+
+
+@pytest.mark.slow
+def test_what_follows_a_recommendation_is_about_it_and_rows_left_out_are_named_once(tmp_path, capsys):
+    (tmp_path / "p.toml").write_text(SENSED_FILE)
+    assert main(["recommend", "p.toml"]) == 0
+    text = capsys.readouterr().out
+    assert "next: avc recommend p.toml --out law.toml" in text
+    assert "Would help, Would help" not in text
+    assert main(["recommend", "p.toml", "--out", "law.toml"]) == 0
+    assert "next: avc certify law.toml" in capsys.readouterr().out

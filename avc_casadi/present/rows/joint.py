@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from shlex import quote
 
 from avc_casadi._util.arrays import Interval
@@ -14,6 +15,7 @@ from avc_casadi.files.joint_model import ModelledJoint
 from avc_casadi.loops.joint import JointGains
 from avc_casadi.loops.margins import LEAST_DISK
 from avc_casadi.model.ends import LIGHTEST_TOOL_KG, LONGEST_STEP_S
+from avc_casadi.model.joint import Joint
 from avc_casadi.model.problem import Problem
 from avc_casadi.present.row import (
     Answer,
@@ -128,8 +130,15 @@ def _least_mass(result: JointCertificate) -> tuple[Part, ...]:
     if least <= LIGHTEST_TOOL_KG and math.isinf(most):
         return ("any",)
     limit = ("at most", largest_value(most, "mass", 4)) if math.isfinite(most) else None
-    add = ("; add", least_value(result.armature_kg, "mass", 4), "(armature)") if result.armature_kg else None
-    return parts(least_value(least, "mass", 4), limit, add)
+    declared = result.problem.end_as(Joint).engine.tool_mass_kg
+    lightest = None if declared is None else declared[0]
+    shown = replace(least_value(least, "mass", 4), beside=lightest)
+    add = None
+    if result.armature_kg and lightest is not None:
+        # What is added to the mass as declared reaches the least mass as printed.
+        armature = least_value((shown.printed or least) - lightest, "mass", 4)
+        add = ("; add", replace(armature, beside=lightest), "(armature)")
+    return parts(shown, limit, add)
 
 
 def drafted(joint: ModelledJoint, problem: Problem, shown: str) -> Answer:
