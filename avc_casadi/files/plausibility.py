@@ -227,8 +227,29 @@ def _doubts_of_sensor(sensor: ForceSensor) -> Iterator[_Doubt]:
     yield _Doubt(sensor.resolution_n >= most_n, "device.force_sensor.resolution_n", message)
 
 
+def above_half_rate(cutoff_hz: float, period_s: float) -> str:
+    """Return what is doubted of the cutoff of a low pass at half the rate of its law or above; empty below."""
+    half_rate_hz = 0.5 / period_s
+    if cutoff_hz < half_rate_hz:
+        return ""
+    return f"is {shown(cutoff_hz)}, not below half the sample rate, {plain(half_rate_hz)} Hz; is the unit right?"
+
+
+def _cutoffs(law: Any) -> Iterator[tuple[str, float]]:
+    """Yield the cutoffs of the low passes of a law, by their keys."""
+    places = [("velocity", getattr(law, "velocity", None))]
+    places += [(f"filters[{place}]", item) for place, item in enumerate(getattr(law, "filters", ()))]
+    for place, table in places:
+        cutoff_hz = getattr(table, "cutoff_hz", None)
+        if cutoff_hz is not None:
+            yield f"law.{place}.cutoff_hz", cutoff_hz
+
+
 def _doubts_of_law(law: Any, device: Device) -> Iterator[_Doubt]:
-    """Yield a friction compensation far above the friction."""
+    """Yield low passes that hardly filter, and a friction compensation far above the friction."""
+    for key, cutoff_hz in _cutoffs(law):
+        message = above_half_rate(cutoff_hz, law.period_s(device.sample_time_s))
+        yield _Doubt(bool(message), key, message)
     compensation = getattr(law, "friction_compensation", None)
     if compensation is not None and device.coulomb_friction_n:
         far_above = compensation.force_n > _OVERCOMPENSATED * device.coulomb_friction_n

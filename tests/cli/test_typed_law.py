@@ -282,3 +282,33 @@ def test_export_gives_the_mark_of_certify(k, tmp_path, capsys):
     main(["export", str(source), "--c", str(tmp_path), "--unsafe", "--force"])
     exported = next(line for line in capsys.readouterr().out.splitlines() if "Verdict" in line)
     assert exported.split()[0] == certified.split()[0]
+
+
+@pytest.mark.parametrize(("cutoff_hz", "doubted"), [(700, True), (500, True), (499, False), (80, False)])
+@pytest.mark.parametrize(
+    ("law", "divider", "key"),
+    [
+        ("", 1, "cutoff_hz"),
+        ("[law]\nstiffness_n_per_m = 300.0\n", 1, "law.velocity.cutoff_hz"),
+        ("[law]\nstiffness_n_per_m = 300.0\nrate_divider = 2\n", 2, "law.velocity.cutoff_hz"),
+    ],
+)
+@pytest.mark.usefixtures("_without_limits")
+def test_a_cutoff_at_half_the_rate_or_above_is_a_caution(law, divider, key, cutoff_hz, doubted, tmp_path, capsys):
+    source = tmp_path / "p.toml"
+    source.write_text(f"[device]\nmass_kg = 0.12\ndamping_ns_per_m = 0.8\n{law}")
+    main(["certify", str(source), "--k", "300", "--b", "3", "--cutoff-hz", str(cutoff_hz / divider)])
+    text = " ".join(capsys.readouterr().out.split())
+    assert ("! Values" in text) is doubted
+    assert (f"{key} is {cutoff_hz / divider}, not below half the sample rate" in text) is doubted
+
+
+def test_check_names_a_filter_of_the_file_at_half_its_rate(tmp_path, capsys):
+    source = tmp_path / "p.toml"
+    filters = 'filters = [{ kind = "low-pass", cutoff_hz = 100.0 }, { kind = "low-pass", cutoff_hz = 600.0 }]\n'
+    law = "[law]\nstiffness_n_per_m = 300.0\n"
+    source.write_text(f"[device]\nmass_kg = 0.12\ndamping_ns_per_m = 0.8\n{law}{filters}")
+    assert main(["check", str(source)]) == 0
+    text = " ".join(capsys.readouterr().out.split())
+    assert "law.filters[1].cutoff_hz is 600.0, not below half the sample rate, 500 Hz" in text
+    assert "filters[0]" not in text

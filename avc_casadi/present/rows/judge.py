@@ -217,7 +217,8 @@ def _law_rows(result: LawCertificate) -> list[Row]:
     if not result.sound and result.remedies is not None:
         helps = commas(map(_remedy, result.remedies), ";")
         rows.append(row("Would help", helps or "none of k, b, cutoff (down to 1 %), sample time and delay alone"))
-    return [*rows, *subject.unusual(problem)]
+    typed_cutoff_hz = getattr(result.law, "cutoff_hz", None) if problem.law is None else None
+    return [*rows, *subject.unusual(problem, typed_cutoff_hz)]
 
 
 def _law_detents(result: LawCertificate) -> list[Row]:

@@ -13,7 +13,7 @@ from avc_casadi.claims.deployable import Deployable
 from avc_casadi.claims.judged_for import JudgedFor
 from avc_casadi.coupling import Coupling
 from avc_casadi.files.catalogue import catalogue_names
-from avc_casadi.files.plausibility import plausibility
+from avc_casadi.files.plausibility import above_half_rate, plausibility
 from avc_casadi.loops.margins import LEAST_DISK, SOUND_DISK, Margins
 from avc_casadi.model.device import Device
 from avc_casadi.model.ends import End, Follower, Simulation, ToolGains, Wall
@@ -49,9 +49,15 @@ def name_of(problem: Problem) -> str:
     return problem.name if problem.name in catalogue_names() else f"{problem.name or 'problem'}.toml"
 
 
-def unusual(problem: Problem | SensorProblem) -> list[Row]:
-    """Return the values of a problem that may be slips, beside a verdict that takes them as they are."""
+def unusual(problem: Problem | SensorProblem, typed_cutoff_hz: float | None = None) -> list[Row]:
+    """Return the values of a problem that may be slips, beside a verdict that takes them as they are.
+
+    A typed cutoff is that of a law that the problem does not state.
+    """
     doubts = [f"{doubt.key} {doubt.message}" for doubt in plausibility(problem)]
+    if typed_cutoff_hz is not None:
+        doubt = above_half_rate(typed_cutoff_hz, problem.device.sample_time_s)
+        doubts += [f"cutoff_hz {doubt}"] if doubt else []
     return [row("Values", "; ".join(doubts), mark=Mark.CAUTION)] if doubts else []
 
 
