@@ -303,6 +303,13 @@ def test_a_cutoff_at_half_the_rate_or_above_is_a_caution(law, divider, key, cuto
     assert (f"{key} is {cutoff_hz / divider}, not below half the sample rate" in text) is doubted
 
 
+def test_a_typed_cutoff_of_an_admittance_law_above_half_the_rate_is_a_caution(capsys):
+    for cutoff_hz, doubted in (("700", True), ("20", False)):
+        main(["certify", "admittance/cobot", "--cutoff-hz", cutoff_hz])
+        text = " ".join(capsys.readouterr().out.split())
+        assert ("law.admittance.cutoff_hz is 700.0, above half the sample rate" in text) is doubted
+
+
 def test_check_names_a_filter_of_the_file_at_half_its_rate(tmp_path, capsys):
     source = tmp_path / "p.toml"
     filters = 'filters = [{ kind = "low-pass", cutoff_hz = 100.0 }, { kind = "low-pass", cutoff_hz = 600.0 }]\n'

@@ -126,14 +126,20 @@ def checked(problem: AdmittanceProblem, doubts: tuple[str, ...], shown: str, ref
     return Answer("check", plain(data), title, tuple(rows), tuple(onwards), problem.units)
 
 
+def _too_fast(problem: AdmittanceProblem, law: VirtualImpedance | None) -> Iterator[str]:
+    """Yield which frequencies of an admittance device and of a law lie above half the sample rate."""
+    frequencies = {
+        "device.drive_bandwidth_hz": problem.device.drive_bandwidth_hz,
+        "law.admittance.cutoff_hz": None if law is None else law.cutoff_hz,
+    }
+    yield from above_nyquist(frequencies, problem)
+
+
 def doubts_of(problem: AdmittanceProblem) -> tuple[str, ...]:
     """Return what is unusual of an admittance device, though it is valid."""
     device = problem.device
-    frequencies = {
-        "device.drive_bandwidth_hz": device.drive_bandwidth_hz,
-        "law.admittance.cutoff_hz": None if problem.law is None else problem.law.admittance.cutoff_hz,
-    }
-    doubts = [*above_nyquist(frequencies, problem), *contact_doubts(problem), *value_doubts(problem)]
+    law = None if problem.law is None else problem.law.admittance
+    doubts = [*_too_fast(problem, law), *contact_doubts(problem), *value_doubts(problem)]
     if device.drive_order == 1 and device.drive_damping_ratio != DRIVE_DAMPING_RATIO:
         doubts.append("device.drive_damping_ratio has no effect on a drive of first order; set device.drive_order = 2")
     return tuple(doubts)
@@ -203,6 +209,7 @@ def certificate(result: AdmittanceCertificate, shown: str = "") -> Answer:
     ]
     if not sound and result.remedies is not None:
         rows.append(row("Would help", _remedies(result.remedies)))
+    rows += subject.notes(_too_fast(problem, result.law), "Values")
     rows += untold(problem)
     rows += [case_row(case) for case in result.cases]
     return Answer(
