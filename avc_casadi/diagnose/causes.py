@@ -212,7 +212,7 @@ def diagnose(  # noqa: PLR0913 - options by name, of a public call
         device, hands = device or coupling.problem.device, hands or coupling.problem.hands
     count = columns.time_s.size
     if count < _FEWEST_SAMPLES:
-        message = f"has {count} samples; allowed: at least {_FEWEST_SAMPLES}"
+        message = f"has {count} {'sample' if count == 1 else 'samples'}; allowed: at least {_FEWEST_SAMPLES}"
         raise InputError.of(message, file=columns.file, key="time")
     grid, notes = log_of(columns, flip_force=flip_force)
     design = _design(device, hands, grid, columns, handle_radius_m)
