@@ -13,7 +13,7 @@ import avc_casadi as avc
 from avc_casadi.design.conditions import PerturbedDecay
 from avc_casadi.design.law_family import BAND_HZ
 from avc_casadi.design.plants import PlantMatrices
-from avc_casadi.design.program import program_answers
+from avc_casadi.design.program import program_answers, usual_goals
 from avc_casadi.design.starts import promising_starts
 from avc_casadi.design.trust_region import TrustRegion
 from avc_casadi.model.hands import Hand
@@ -148,6 +148,16 @@ def test_what_is_asked_for_bounds_the_force_of_a_step_of_the_encoder():
     assert found.meets_goals
     assert found.performance.noise_n_per_m <= 1.02 * bound
     assert found.performance.error > answer().performance.error
+
+
+@given(encoder=st.floats(1e-8, 1e-3), stiffness=st.floats(1.0, 1e5))
+def test_a_device_without_encoder_steps_may_amplify_noise_as_much_as_one_with_the_finest(encoder, stiffness):
+    """Without ripple_n a step of the encoder may make 1.5 N, or 12 times what the wall makes of it."""
+    without = usual_goals(problem(encoder=0.0), stiffness)
+    with_steps = usual_goals(problem(encoder=encoder), stiffness)
+    assert with_steps.noise_n_per_m == pytest.approx(max(1.5 / encoder, 12 * stiffness))
+    assert np.isfinite(without.noise_n_per_m)
+    assert without.noise_n_per_m >= with_steps.noise_n_per_m
 
 
 @pytest.mark.parametrize("numbers", PROBLEMS)

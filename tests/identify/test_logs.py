@@ -59,6 +59,19 @@ def test_a_decimal_comma_is_read_where_nothing_else_has_a_point_and_a_group_of_t
     assert {fault.key for fault in faults(tmp_path / "c.csv")} == {"position"}
 
 
+def test_the_rows_and_not_the_headers_say_what_stands_between_columns(tmp_path):
+    path = csv(tmp_path / "a.csv", "time_s\tposition_m\tforce_n\tnote; of the bench", mark="\t")
+    header, *rows = path.read_text().splitlines()
+    path.write_text("\n".join([header, *(f"{row}\t0" for row in rows)]))
+    same(read_logs([path])[0])
+
+
+def test_headers_of_a_file_without_rows_are_looked_at_all_the_same(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text("time_s,position_furlong,force_n\n")
+    assert [(fault.line, fault.key) for fault in faults(path)] == [(1, "position")]
+
+
 def test_numbers_of_columns_and_units_by_option(tmp_path):
     path = tmp_path / "a.txt"
     np.savetxt(path, np.column_stack([FORCE, TIME * 1e3, POSITION * 1e3]))

@@ -60,3 +60,29 @@ def test_with_state_feedback_the_observer_knows_the_force_that_was_asked_for(fed
         assert radii(1.001 * found.gain)[some].max() > 1
         if found.gain_down:
             assert radii(found.gain_down)[some].max() == pytest.approx(1, abs=1e-8)
+
+
+def swing_on_a_late_spring(mass_kg, damping_ns_per_m, stiffness_n_per_m, ticks):
+    """Return the largest position in each half of a simulation of a device on a spring that acts a sample late."""
+    decay = np.exp(-damping_ns_per_m * 1e-3 / mass_kg)
+    position, speed, late, seen = 1e-3, 0.0, 0.0, []
+    for _ in range(ticks):
+        late, force = stiffness_n_per_m * position, -late
+        final = force / damping_ns_per_m
+        position += final * 1e-3 + (speed - final) * (1 - decay) * mass_kg / damping_ns_per_m
+        speed = final + (speed - final) * decay
+        seen.append(abs(position))
+    return max(seen[: ticks // 2]), max(seen[ticks // 2 :])
+
+
+@pytest.mark.parametrize("damping", [0.6, 5.0, 6.5, 8.0, 20.0])
+def test_a_loop_has_margins_just_where_its_swing_dies_away(damping):
+    device = {"mass_kg": 0.15, "damping_ns_per_m": damping, "delay_samples": 1}
+    problem = avc.load_problem("spring").changed(device=device, environment={"stiffness_n_per_m": 5e3})
+    released, _ = OpenLoop.of(Coupling.constant(problem, Gains(0.0, 1e12), "spring")).margins()
+    first, second = swing_on_a_late_spring(0.15, damping, 5e3, 2000)
+    margins = (released.gain - 1, released.phase_deg, released.delay_samples, released.disk)
+    if second < first:
+        assert min(margins) > 0
+    else:
+        assert margins == (0, 0, 0, 0)
