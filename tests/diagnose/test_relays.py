@@ -130,6 +130,17 @@ def test_a_factor_of_0_has_a_finite_error_that_reaches_it(step, seed):
     assert (np.abs(plain) < 2 * fit.errors).all()
 
 
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("noise_m", [0.3e-3, 0.5e-3, 0.7e-3])
+def test_a_spring_that_noise_of_the_positions_makes_seem_softer_lies_within_its_error(noise_m, seed):
+    """Noise of variance s^2 on a motion of variance S divides the factor by 1 + s^2/S, up to a half here."""
+    motion = math.sqrt(2) * 1e-3 * np.sin(0.05 * np.arange(4000))
+    readings = motion + noise_m * np.random.default_rng(seed).standard_normal(motion.size)
+    fit = regress(-1000.0 * motion, readings, np.diff(readings, prepend=readings[0]), [], noise_m**2)
+    assert fit.factors[0] == pytest.approx(-1000.0 / (1 + (noise_m / 1e-3) ** 2), rel=0.05)
+    assert abs(fit.factors[0] + 1000.0) < fit.errors[0]
+
+
 @pytest.mark.parametrize("half_band", [0.0, 0.4e-3])
 def test_the_gain_of_a_switch_is_the_first_harmonic_of_its_force(half_band):
     amplitude, force = 1e-3, 2.5

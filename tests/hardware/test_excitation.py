@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from excited import DECLARED, Bench, device, first_broken, planned
+from excited import DECLARED, Bench, device, first_broken, half_sines, planned
 from faulty_link import FaultKind, FaultyLink, LinkFault
 from hardware_bench import coupling, push, require
 from hypothesis import given, settings
@@ -13,11 +13,12 @@ from hypothesis import strategies as st
 from avc_casadi.identification.excitation import plan_excitation
 from avc_casadi.identification.read import read_logs
 from avc_casadi.identification.signal import FULL, Signal
-from avc_hardware import Connection, RefusedError, excite
+from avc_hardware import BenchDevice, Connection, RefusedError, excite
 from avc_hardware.link import messages as m
 from avc_hardware.link.excite import plan_bytes
 from avc_hardware.link.faults import RefusalReason
 from avc_hardware.link.messages import Kind
+from avc_hardware.link.session import LinkError
 
 
 @pytest.fixture(autouse=True)
@@ -51,6 +52,28 @@ def test_no_force_from_the_tick_at_which_a_limit_is_exceeded(kind, mass, damping
     late = plan.window + delay + 2
     allowed = plan.max_speed_m_per_s + plan.metres_per_count / plan.sample_time_s
     assert speed <= allowed + late * plan.sample_time_s * plan.max_force_n / mass
+
+
+@given(mass=st.floats(0.01, 1.0), delay=st.integers(0, 5) | st.floats(0.0, 5.0), force=st.floats(-8.0, 8.0))
+def test_a_force_on_the_bench_moves_the_device_after_its_delay(mass, delay, force):
+    """Without friction and damping the speed is the impulse that has arrived, over the mass; +x is against it."""
+    bench = BenchDevice(device(mass_kg=mass, damping_ns_per_m=0.0, coulomb_friction_n=0.0, delay_samples=delay))
+    for _ in range(9):
+        bench.hold(force)
+        bench.count()
+    arrived_s = 1e-3 * np.maximum(np.arange(1, 10) - delay, 0.0)
+    np.testing.assert_allclose(bench.speed_m_per_s, -force * arrived_s / mass, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("share", [1.01, 1.5, 1.99])
+def test_a_plan_of_more_force_than_the_device_gives_is_not_sent(share):
+    """The host itself refuses it: the device is not asked."""
+    bench = Bench(device())
+    with pytest.raises(LinkError) as caught:
+        bench.excite(half_sines(0.5, ticks=1000, max_force_n=8.0 * share))
+    assert not isinstance(caught.value, RefusedError)
+    bench.pass_by(50)
+    assert not np.any(bench.force_n)
 
 
 @pytest.mark.slow

@@ -1,14 +1,18 @@
 """From the command to the device file: what stands on the emulated board comes back inside the intervals told."""
 
 import json
+from dataclasses import replace
 
+import numpy as np
 import pytest
-from excited import DECLARED
+from excited import DECLARED, half_sines
 from hardware_bench import require
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 import avc_casadi as avc
 from avc_casadi.cli import main
-from avc_casadi.identification.excitation import plan_excitation
+from avc_casadi.identification.excitation import forecast, plan_excitation
 from avc_casadi.identification.signal import ramp
 from avc_casadi.model.device import Device
 
@@ -82,3 +86,26 @@ def test_a_plan_keeps_its_window_and_its_spring_and_fades_both_ways():
     share = ramp(100, 20)
     assert share.tolist() == share[::-1].tolist() == sorted(share[:50].tolist()) + sorted(share[50:].tolist())[::-1]
     assert share[0] < share[10] < share[50] == 2**15
+
+
+def rubbing(**values):
+    return Device.model_validate({"mass_kg": 0.1, "damping_ns_per_m": 1.0, "coulomb_friction_n": 0.3} | values)
+
+
+@settings(max_examples=20)
+@given(share=st.floats(0.1, 0.9), delay=st.integers(0, 3) | st.floats(0.01, 3.0), spring=st.floats(0.0, 200.0))
+def test_a_push_to_the_other_side_is_forecast_to_reach_as_far(share, delay, spring):
+    device = rubbing(delay_samples=delay)
+    one, other = (forecast(replace(half_sines(side), spring_n_per_m=spring), [device]) for side in (share, -share))
+    for name, values in vars(one).items():
+        np.testing.assert_allclose(vars(other)[name], values, rtol=2e-3, err_msg=name)
+
+
+@pytest.mark.parametrize("delay", [1, 2])
+def test_a_forecast_has_no_jump_where_a_delay_becomes_whole(delay):
+    """Of a device that dry friction stops again and again, in the middle of samples too."""
+    plan = half_sines(0.5, halves=9)
+    before, at, after = (forecast(plan, [rubbing(delay_samples=delay + by)]) for by in (-1e-9, 0.0, 1e-9))
+    for name, values in vars(at).items():
+        np.testing.assert_allclose(vars(before)[name], values, rtol=1e-7, err_msg=name)
+        np.testing.assert_allclose(vars(after)[name], values, rtol=1e-7, err_msg=name)

@@ -8,7 +8,8 @@ import numpy as np
 from hardware_bench import host_library
 from host_device import HostCore, HostLink
 
-from avc_casadi.identification.excitation import plan_excitation
+from avc_casadi.identification.excitation import Plan, plan_excitation
+from avc_casadi.identification.signal import Signal
 from avc_casadi.model.device import Device
 from avc_hardware import BenchDevice, excite
 from avc_hardware.link.excite import plan_bytes
@@ -28,6 +29,15 @@ DECLARED = Device(
 @functools.cache
 def planned(kind="multisine", seconds=2.0, **limits):
     return plan_excitation(DECLARED, kind, seconds=seconds, **limits).plan
+
+
+def half_sines(share, halves=1, ticks=60, max_force_n=8.0):
+    """A plan without a controller that pushes to one side, in half a sine, or in so many halves in turn."""
+    return Plan(
+        kind="multisine", sample_time_s=1e-3, metres_per_count=2e-5, ticks=ticks, ramp_ticks=5, max_force_n=max_force_n,
+        max_speed_m_per_s=1.0, max_travel_m=0.1, spring_n_per_m=0.0, damper_ns_per_m=0.0, window=4,
+        signal=Signal.of([500.0 * halves / ticks], [share], [0.0], 1e-3),
+    )  # fmt: skip
 
 
 def device(**values):
