@@ -57,6 +57,16 @@ def test_closed_form_of_figure5_stands_on_the_edge_and_nowhere_else():
     np.testing.assert_array_equal(built.levels["L0"].row_passed, gains.usable)
 
 
+@pytest.mark.parametrize(("share", "passive"), [(0.5, True), (0.99, True), (1.01, False), (3.0, False)])
+def test_a_damper_that_stores_nothing_is_passive_up_to_the_damping_of_the_device(share, passive):
+    """By Colgate and Schenkel b_d > b + K T/2: with no stiffness at rest, K = 0, nothing but the damper counts."""
+    environment = {"damping_ns_per_m": share, "stiffness_n_per_m": 0.0}
+    case = changed(problem(b_d=1.0, rows=1), environment=environment)
+    result = certify(case, table(case, 1e9, 0.0)).levels["L3"]
+    assert result.passed == passive
+    assert result.margin_ns_per_m == pytest.approx(1 - share, rel=1e-6)
+
+
 def test_the_papers_criterion_passes_and_the_loop_diverges():
     case = problem(b_d=1.0)
     levels = certify(case, table(case, 1.1, 9300.0)).levels

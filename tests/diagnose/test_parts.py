@@ -60,6 +60,24 @@ def test_the_law_is_read_from_the_log(stiffness, damper, keep, lag, limit):
         assert law.keep == pytest.approx(keep, abs=1e-3)
 
 
+@pytest.mark.parametrize(("slow", "lag", "ticks"), [("spring", 1, 8), ("damper", 0, 5)])
+def test_the_part_that_is_computed_once_a_frame_is_found_with_both_gains(slow, lag, ticks):
+    """A spring of 600 N/m and a damper of 4 N.s/m, one of them held over frames."""
+    time = np.arange(800) * 1e-3
+    position = sum(1e-3 * np.sin(2 * np.pi * hertz * time + hertz) for hertz in (3.1, 7.3, 12.7))
+    seen = np.concatenate([np.full(lag, position[0]), position[: time.size - lag]])
+    frame = np.arange(time.size) // ticks * ticks
+    if slow == "spring":
+        force = 600.0 * seen[frame] + 4.0 * np.diff(seen, prepend=seen[0]) / 1e-3
+    else:
+        force = 600.0 * seen + 4.0 * (seen[frame] - seen[np.maximum(frame - ticks, 0)]) / (ticks * 1e-3)
+    law = law_of(log_of(Columns("frames", time, position, -force))[0])
+    assert law.frames is not None
+    assert (law.frames.slow, law.frames.ticks) == (slow, ticks)
+    assert law.lag == lag
+    assert (law.stiffness_n_per_m, law.damping_ns_per_m) == pytest.approx((600.0, 4.0), rel=1e-3)
+
+
 @settings(max_examples=15, deadline=None)
 @given(
     hertz=st.floats(12.0, 200.0),
@@ -78,6 +96,21 @@ def test_frequency_and_amplitude_of_a_swing_are_measured(hertz, steps, growth_pe
     assert found.frequency_hz == pytest.approx(hertz, rel=0.05, abs=0.5)
     # The median of its last quarter, in which it grows by up to 40 per cent.
     assert found.peak_to_peak_m == pytest.approx(steps * step, rel=0.6 if growth_per_s else 0.35, abs=2 * step)
+
+
+@pytest.mark.parametrize("hertz", [15.0, 20.0, 30.0, 40.0])
+@pytest.mark.parametrize(("kept", "falls_by"), [(0.3, 4.0), (0.2, 5.0)])
+def test_a_swing_that_falls_to_a_size_that_it_keeps_is_a_limit_cycle_from_its_last_third_on(hertz, kept, falls_by):
+    """Twelve cycles, over which ln of what is above that size falls by so much: it is still seen to fall."""
+    size = round(12 / hertz / 1e-3)
+    time = np.arange(size) * 1e-3
+    envelope = kept + (1 - kept) * np.exp(-falls_by * time / time[-1])
+    position = 1e-6 * np.round(1e3 * (2 + envelope * np.sin(2 * np.pi * hertz * time)))
+    found = find_oscillation(log_of(Columns("swing", time, position, np.ones(size)))[0], None)
+    assert found.kind == "limit cycle"
+    # To the nearest turning point, of which a cycle has two.
+    assert found.first == pytest.approx(2 / 3 * size, abs=0.5 / hertz / 1e-3)
+    assert envelope[found.first] < 1.2 * kept
 
 
 @settings(max_examples=8, deadline=None)
