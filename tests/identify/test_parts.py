@@ -54,6 +54,23 @@ def test_slopes_hold_wherever_in_a_sample_the_force_arrives(predictor, delay):
     assert error < 0.05
 
 
+@pytest.mark.parametrize("delay", [0.0, 1.0, 1.4])
+@pytest.mark.parametrize("friction_n", [0.3, 0.8])
+def test_a_device_predicted_without_its_log_stays_where_a_simulation_of_its_friction_puts_it(delay, friction_n):
+    """Over a second from rest, in which friction turns, stops and holds it inside samples, fifty times and more."""
+    random = np.random.default_rng(7)
+    wanted = multisine(random, 1.0, 1e-3, 5.0, 300.0, 2.0)
+    wanted[:60] = 0.0
+    truth = Truth(mass=0.05, damping=4.0, coulomb=friction_n, delay=delay, encoder=1e-10)
+    _, position, force = measured(truth, wanted, random)
+    structure = ModelStructure(MODELS[1], {})
+    known = {"mass_kg": 0.05, "damping_ns_per_m": 4.0, "delay_samples": delay, "offset_n": 0.0}
+    search = structure.start({**known, "coulomb_friction_n": friction_n})
+    (found,) = Predictor([Record("simulated", 1e-3, position, force)]).predict(structure, search, SteadyObserver(1e-6))
+    moved_in_a_sample_m = friction_n / 0.05 * 1e-3**2 / 2
+    assert np.abs(found.error_m).max() < 0.02 * moved_in_a_sample_m
+
+
 @pytest.mark.parametrize("name", VALUES)
 def test_a_search_that_ran_to_a_bound_has_slopes_there(predictor, name):
     """Such a model is worse than others, and no reason to stop: the neighbour of the slope lies within the bounds."""
