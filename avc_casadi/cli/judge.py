@@ -46,12 +46,9 @@ def run_certify(args: argparse.Namespace, console: Console) -> Answer:
     """Certify a coupling or your own gains: is it deployable, and which claims hold?
 
     Deployable means linearly stable with every hand of [hands] and with the device released, with a
-    sufficient disk margin. Exit code 1 if not deployable. With a [simulation] or [follower] a
-    sufficient gain margin stands in place of the disk margin; of a joint that an engine moves
-    no margin is required: exit code 1 if unstable.
+    sufficient disk margin (engines and followers: gain margin; joints: none). Exit code 1 if not.
     Your own gains need no GAINS file: `avc certify P --k "3 kN/m" --b 12` judges the force
-    -(k x + (b + b_p) v). Such options replace the wall of P, or single values of its table [law]:
-    other values stay. --notch moves the notch of [law], or adds one to its filters.
+    -(k x + (b + b_p) v). Options replace the wall of P, or single values of its table [law].
     With a [simulation] or [follower], --k, --b and --b-p set K, B and the damper in the device's loop.
     For an admittance device, --virtual-mass, --b, --k and --cutoff-hz replace values of its law.
     """
