@@ -112,7 +112,7 @@ def output(
 def require_ending(path: Path | None, ending: str, written: str) -> None:
     """Refuse a file of another ending than that of what is written, in words, for a problem."""
     if path is not None and path.suffix.lower() != ending:
-        message = f"{str(path)!r} ends in {path.suffix!r}; allowed for this problem: {ending}, {written}"
+        message = f"{str(path)!r} ends in {path.suffix!r}; allowed: {ending}, for {written} of this problem"
         raise avc.InputError.of(message, key="out")
 
 

@@ -167,6 +167,7 @@ def judged_law(source, typed, capsys):
     return leaves(json.loads(capsys.readouterr().out)["law"])
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("_without_limits")
 @pytest.mark.parametrize(
     ("option", "typed", "velocity", "replaced"),
@@ -240,6 +241,7 @@ damping_ns_per_m = 2.0
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("k", "b", "words"),
     [
@@ -273,6 +275,7 @@ damping_ns_per_m = 12.0
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("k", [3000, 9000, 40000])
 def test_export_gives_the_mark_of_certify(k, tmp_path, capsys):
     source = tmp_path / "law.toml"
