@@ -55,6 +55,23 @@ def test_two_stable_rows_may_be_unstable_between():
     assert not verdict(GainTable(rows)).passed
 
 
+def test_three_rows_that_are_stable_may_be_unstable_between_the_last_two():
+    """Stiff with a large damper at two rows, which nothing changes between, and soft with none at the third."""
+    problem = avc.load_problem("ve7").changed(frequency={"start_hz": 1.0, "stop_hz": 49.0}, robustness=THIN)
+    stiff, soft = [0.0, 5e6, 60.0], [0.0, 2e3, 0.0]
+    wall = problem.changed(environment={"stiffness_n_per_m": 6e4})
+    rows = np.array([[1.0, *stiff], [7.0, *stiff], [49.0, *soft]])
+
+    def verdict(table):
+        return avc.deployable(Coupling(wall, schedule_of(wall, table, "x"), table))
+
+    assert verdict(GainTable(rows[:2])).passed
+    assert verdict(GainTable(rows[2:])).passed
+    held, _ = verdict(GainTable(rows)).claims
+    assert not held.passed
+    assert 7.0 < held.frequency_hz < 49.0
+
+
 @pytest.mark.slow
 def test_a_coupling_of_a_small_disk_margin_is_asked_for_by_name(tmp_path, capsys):
     problem = avc.parse_problem(

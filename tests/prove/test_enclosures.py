@@ -125,6 +125,20 @@ def test_the_folded_spectrum_is_the_discretisation(name):
         assert abs(found.at(inside[:1], inside[None, 1:])[0, 0] - exact) <= left + 1e-12
 
 
+@pytest.mark.parametrize("omega", [0.02, 0.5, 3.0])
+@pytest.mark.parametrize("hand_damping", [3.0, 100.0, 1500.0])
+def test_what_the_folded_spectrum_leaves_out_is_bounded_however_strongly_a_hand_damps(hand_damping, omega):
+    """The whole spectrum by discretisation, less its first terms written out: Y = 1/(m s^2 + d s + k)."""
+    device, hand = device_of({}), (0.05, hand_damping, 500.0)
+    box = SampledPlantBox(device, {name: (value, value) for name, value in zip(HAND, hand, strict=True)})
+    s = 1j * (omega + math.tau * np.arange(-box.terms, box.terms + 1)) / device.sample_time_s
+    mass, damping = device.mass_kg + hand[0], device.damping_ns_per_m + hand_damping
+    held = (1 - np.exp(-1j * omega)) / (s * device.sample_time_s)
+    included = np.sum(held / (mass * s**2 + damping * s + hand[2]))
+    left_out = abs(sampled(device, hand, omega) - included)
+    assert 0 < left_out <= box.tail(np.array([omega]))[0]
+
+
 def changed(device, values):
     whole = device.model_dump(exclude={"range"})
     for key, value in values.items():
