@@ -153,6 +153,21 @@ def test_one_bad_reading_moves_nothing(bad):
     assert np.abs(at_rest(problem, [bad, 0.0, -bad, 0.0, bad])).max() == 0
 
 
+def test_a_hand_that_meets_the_stiffest_contact_at_a_metre_a_second_is_believed_under_noise():
+    problem = avc.load_admittance("admittance/cobot")
+    sensor, random = problem.device.force_sensor, np.random.default_rng(2)
+    exported, period = Exported(problem), problem.device.sample_time_s
+    stiffest = problem.hands.stiffness_n_per_m[1] + problem.contact.stiffness_n_per_m[1]
+    rising = np.append(np.zeros(50), stiffest * 1.0 * period * np.arange(1, 16))
+    noisy = rising + sensor.noise_rms_n * random.standard_normal(rising.size)
+    forces = sensor.resolution_n * np.round(noisy / sensor.resolution_n)
+    assert np.abs(forces).max() < sensor.max_force_n
+    given = np.array([exported.step(0.0, force) for force in forces.tolist()])
+    # A reading that were refused would hold the one before.
+    expected = law_of(problem, [0.0, *forces[1:]], np.zeros(forces.size))
+    assert np.abs(given - expected).max() <= 1e-12 * np.abs(expected).max()
+
+
 @pytest.mark.parametrize("count", [2, 3, 10])
 @pytest.mark.parametrize("force", [40.0, 150.0, -199.0])
 def test_bad_readings_in_a_row_move_no_further_than_the_header_says(count, force):

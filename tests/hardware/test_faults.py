@@ -217,6 +217,20 @@ class OnBoard:
         return connection.run(connection.session.ask(Kind.STATUS, b"", DeviceStatus))
 
 
+def test_each_byte_to_the_firmware_takes_ten_bits_of_the_wire() -> None:
+    """A start bit, eight bits and a stop bit at 115200 baud, however long the wire was quiet before."""
+    machine = OnBoard(made=None).machine
+    byte_s = 10 / 115200
+    for sent in (1, 3):
+        machine.run_until(machine.cycle + CLOCK_HZ // 100)
+        begin = machine.cycle
+        machine.send(bytes(sent))
+        machine.run_until(begin + round((sent - 0.1) * byte_s * CLOCK_HZ))
+        assert len(machine.received) == 1
+        machine.run_until(begin + round((sent + 0.1) * byte_s * CLOCK_HZ))
+        assert not machine.received
+
+
 def test_on_the_emulated_board_a_hang_is_ended_by_the_watchdog() -> None:
     """The timer stops: the main loop lives, but no tick; within 50 ms the watchdog starts the firmware anew."""
     bench = OnBoard()
