@@ -11,6 +11,7 @@ import avc_casadi as avc
 from avc_casadi._util.progress import Progress
 from avc_casadi.claims.admittance import HandleAnalysis
 from avc_casadi.claims.handle_port import HandleLoop
+from avc_casadi.claims.mass_edges import MassEdges
 from avc_casadi.claims.mass_spans import VelocityResponse
 from avc_casadi.loops.handle import HandleFamily, leading_poles, plants_of
 from avc_casadi.loops.loop import Body
@@ -159,6 +160,33 @@ def test_a_range_of_the_device_is_searched():
     ranged, alone = pressed(range={"delay_samples": [1.0, 2.0]}), pressed(delay_samples=1.3)
     assert not alone.stable
     assert ranged.spectral_radius >= alone.spectral_radius - 1e-9
+
+
+@pytest.mark.parametrize("side", range(4))
+def test_the_worst_delay_of_a_range_is_that_of_a_second_program(side):
+    problem = avc.AdmittanceProblem.model_validate(
+        arm({"mass_kg": 25.0, "damping_ns_per_m": 400.0}, range={"delay_samples": [1.0, 2.0]})
+    )
+    handle = HandleFamily.of(problem).sides[side]
+    carried = [low for low, _ in handle.carried.values()]
+    plain = PlainDevice.of(problem, *carried)
+    delays = [dataclasses.replace(plain, late_samples=late) for late in np.linspace(1.0, 2.0, 21)]
+    found = handle.worst_case(leading_poles(problem.law.admittance.law(problem.device.sample_time_s)))
+    assert found.radius == pytest.approx(max(largest_pole(one) for one in delays), abs=1e-6)
+
+
+def test_below_the_least_damping_no_mass_is_stable_in_a_second_program():
+    problem = avc.AdmittanceProblem.model_validate(arm({"mass_kg": 20.0, "damping_ns_per_m": 400.0}))
+    least = MassEdges(HandleAnalysis(problem), problem.law.admittance).least_damping(sound=False)
+    carried = [tuple(low for low, _ in side.carried.values()) for side in HandleFamily.of(problem).sides]
+
+    def a_mass_is_stable(damping):
+        laws = [{"mass_kg": mass, "damping_ns_per_m": damping} for mass in np.geomspace(20.0, 40.0, 30)]
+        changed = [problem.changed(law={"admittance": law}) for law in laws]
+        return any(all(largest_pole(PlainDevice.of(one, *hand)) < 1 for hand in carried) for one in changed)
+
+    assert a_mass_is_stable(1.01 * least)
+    assert not a_mass_is_stable(0.98 * least)
 
 
 def test_one_step_of_the_sensor_moves_a_released_handle_at_its_force_over_the_damping():
