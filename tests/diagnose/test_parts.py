@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from buzzing_device import Buzzing, declared_of, logged
+from held_device import held_log
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from quick import first
@@ -12,14 +13,19 @@ from scipy.signal import find_peaks
 
 import avc_casadi as avc
 from avc_casadi.diagnose.causes import diagnose
-from avc_casadi.diagnose.law import find_law
-from avc_casadi.diagnose.oscillation import find_oscillation, log_of
-from avc_casadi.diagnose.plant import Hypothesis, growth
+from avc_casadi.diagnose.law import FittedLaw, find_law
+from avc_casadi.diagnose.mass import apparent_mass_kg
+from avc_casadi.diagnose.oscillation import Oscillation, find_oscillation, log_of
+from avc_casadi.diagnose.plant import Hypothesis, IntendedLaw, growth
+from avc_casadi.diagnose.remedies import LoggedScene
 from avc_casadi.diagnose.steady import levels_off
+from avc_casadi.diagnose.structure import PlantStructure
+from avc_casadi.diagnose.windows import LogWindow
 from avc_casadi.diagnose.work import limited, work_w
 from avc_casadi.identification.log import Columns
 from avc_casadi.model.device import Device
 from avc_casadi.model.hands import Hand
+from avc_casadi.model.problem import Hands
 
 HEALTHY = Buzzing(encoder=5e-6, stiffness=3000.0, damper=12.0)
 SAMPLES = 1500
@@ -220,3 +226,73 @@ def test_a_log_of_another_rate_or_unit_than_its_device_says_so(period_s, scale, 
     found = diagnose(log, device=declared_of(Buzzing()).model_copy(update={"sample_time_s": period_s}))
     assert len(found.notes) == len(words)
     assert all(word in note for word, note in zip(words, found.notes, strict=True))
+
+
+@pytest.mark.parametrize("known", [True, False])
+@pytest.mark.parametrize("mass_kg", [0.05, 0.4])
+@pytest.mark.parametrize("sign", [1, -1])
+def test_the_mass_that_a_log_shows_is_that_of_the_simulated_device(mass_kg, known, sign):
+    """A spring moves it from rest; with a force that is logged the other way the mass is negative."""
+    loop = {"mass": mass_kg, "damping": 0.5, "friction": 0.0, "step": 1e-6, "start": 5e-3, "ticks": 600}
+    log = held_log(lambda _, z, u: -300 * z - 2 * u, **loop)
+    device = Device.model_validate({"mass_kg": 0.2, "damping_ns_per_m": 0.5})
+    found = apparent_mass_kg(log_of(replace(log, force_n=sign * log.force_n))[0], device, known=known)
+    assert found == pytest.approx(sign * mass_kg, rel=0.03)
+
+
+LIGHT = {"mass_kg": 0.2, "damping_ns_per_m": 0.8, "delay_samples": 1, "max_force_n": 50.0}
+
+
+def scene_of(ticks=1500):
+    """A swing of 2 mm about the place where no force acts, without encoder steps and noise."""
+    swing = Oscillation("limit cycle", 0, ticks, np.zeros(ticks), np.zeros(ticks), 7.0, 2e-3, 2.0)
+    return LoggedScene(swing, 0.0, 0.0, 0.0, one_sided=False, encoder_m=0.0, noise_m=0.0, limit_n=50.0)
+
+
+def fitted(stiffness, damping, keep=0.0):
+    return FittedLaw(stiffness, damping, keep, lag=0.0, offset_n=0.0, misfit=0.0, samples=1500)
+
+
+@pytest.mark.parametrize("keep", [0.0, 0.7])
+def test_a_remedy_is_played_as_a_simulator_of_plain_steps_moves(keep):
+    filtered = [0.0]
+
+    def law(_, seen, speed):
+        filtered[0] = keep * filtered[0] + (1 - keep) * speed
+        return -400.0 * seen - 3.0 * filtered[0]
+
+    log = held_log(law, mass=0.2, damping=0.8, friction=0.0, delay=1, start=1e-3, step=1e-9, limit=50.0, ticks=400)
+    played, _ = scene_of().play(Hypothesis(Device.model_validate(LIGHT), None), fitted(400.0, 3.0, keep))
+    assert np.abs(played[:400] - log.position_m).max() < 1e-5
+
+
+def test_the_likeliest_device_alone_has_to_settle_in_a_second_and_every_one_has_to_be_stable():
+    """Rates of -(b + b_d - k (delay + half a tick))/(2 m): -8, -0.8 and +3 per s, where ln 0.02 a second is -3.9."""
+    light = Hypothesis(Device.model_validate(LIGHT), None)
+    heavy, late = light.vary(mass_kg=2.0), light.vary(delay_samples=12.0)
+    scene, law = scene_of(), fitted(400.0, 3.0)
+    assert scene.rests([light, heavy], law).settles
+    assert not scene.rests([heavy, light], law).settles
+    assert not scene.rests([light, heavy, late], law).settles
+
+
+def test_free_flights_between_stops_leave_no_residual():
+    """A device that slows down by its damper and bounces off two stops, each time at another speed."""
+    device = Device.model_validate({"mass_kg": 0.1, "damping_ns_per_m": 0.8, "delay_samples": 1})
+    rate, period, stop = 0.8 / 0.1, 1e-3, 0.01
+    position = []
+    for number, speed in enumerate((0.9, 0.6, 0.8, 0.5)):
+        flight = speed / rate * (1 - np.exp(-rate * period * np.arange(200)))
+        flight = flight[flight < 2 * stop] - stop
+        # In contact for three ticks.
+        position += [*((-1) ** number * flight), *[(-1) ** number * 1.1 * stop] * 3]
+    x = np.array(position)
+    window = LogWindow(x[0], x - x[0], np.zeros(x.size + 20), np.zeros(x.size), np.ones(x.size, dtype=bool),
+                       np.ones((x.size, 1)))  # fmt: skip
+    free = PlantStructure(
+        IntendedLaw(device, known=True, hands=Hands()), period, hand=False, encoder_at=None, names=("delay",),
+        middle=np.ones(1), spread=np.ones(1), most_delay=14.0,
+    )  # fmt: skip
+    point = np.ones(1)
+    assert replace(free, stops=(-stop, stop)).rms(point, [window])[0] < 1e-6 * stop
+    assert free.rms(point, [window])[0] > 0.1 * stop
