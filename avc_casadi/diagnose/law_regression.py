@@ -56,8 +56,9 @@ def regress(
 ) -> Regression | None:
     """Return the regression of a force on position, its change, 1 and further columns; None where columns are alike.
 
-    A factor within its error is left out. Errors of the positions have at most the reading variance, m2. Position and
-    change may be means over `average` ticks.
+    A factor within its error is left out: it is 0, with an error from before it was, which may not reach the true one
+    where errors of the positions are about as large as the motion. Errors of the positions have at most the reading
+    variance, m2. Position and change may be means over `average` ticks.
     """
     parts = (position - position.mean(), change)
     constants = [np.ones(position.size), *further]
