@@ -325,7 +325,7 @@ def test_recommend_names_the_one_ending_that_it_writes_for_a_problem(file, endin
     fault = refused(capsys, "recommend", "p.toml", "--out", out)
     assert fault["key"] == "--out"
     assert f"{out!r} ends in" in fault["message"]
-    assert f"allowed for this problem: {ending}, " in fault["message"]
+    assert f"allowed: {ending}, " in fault["message"]
 
 
 def test_an_unknown_method_to_compare_with_is_told_of_none_too(capsys):
