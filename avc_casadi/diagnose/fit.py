@@ -103,8 +103,6 @@ class PlantFit:
     """Whether the delay is the longest that is searched."""
     resonance_hz: Interval | None = None
     """95 % of the posterior of the frequency of an undeclared resonance, Hz; None without one."""
-    other_frictions: tuple[PlantFit, ...] = ()
-    """The same structure with less and with more dry friction, where those were asked for."""
 
     def explains_as_well(self, best: PlantFit) -> bool:
         """Return whether it explains the motion as well as the best fit, or to within the noise."""
@@ -121,7 +119,6 @@ class PlantFit:
             best=in_ticks(self.best),
             draws=tuple(map(in_ticks, self.draws)),
             delay_error=self.delay_error / log.hold,
-            other_frictions=tuple(fit.in_ticks(log) for fit in self.other_frictions),
         )
 
 
@@ -132,10 +129,6 @@ class _Trial:
     structure: PlantStructure
     point: FloatArray
     residual_m: float
-
-    def with_friction(self, factor: float) -> _Trial:
-        """Return the trial with the dry friction of its device times a factor, from the same point on."""
-        return replace(self, structure=self.structure.with_friction(factor))
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,30 +158,29 @@ def fit_log(task: FitTask, design: IntendedLaw, law: FittedLaw) -> tuple[Log, li
     fitted = []
     for log in logs:
         task = replace(task, log=log)
+        fits = fit_plants(task, design, law.lag)
         if law.switch is not None and law.switch.by == "speed":
-            frictions = _FRICTIONS if design.device.coulomb_friction_n else ()
-            fits = beside_friction(fit_plants(task, design, law.lag, frictions), law.switch.keep)
-        else:
-            fits = fit_plants(task, design, law.lag)
+            fits = beside_friction(fits, task, design, law.lag, law.switch.keep)
         fitted.append((log, fits))
     return min(fitted, key=lambda log_and_fits: log_and_fits[1][0].misfit)
 
 
-def fit_plants(task: FitTask, design: IntendedLaw, lag: float, frictions: Sequence[float] = ()) -> list[PlantFit]:
+def fit_plants(task: FitTask, design: IntendedLaw, lag: float) -> list[PlantFit]:
     """Return device and hand in every structure, likeliest first; with a resonance or stops where nothing else fits.
 
     `lag` is that of the law, ticks. With a clock whose ticks are no samples the force is new after so many samples and
-    one more: device and hand are fitted to the samples. Each structure is fitted with its dry friction times each of
-    the factors `frictions` too.
+    one more: device and hand are fitted to the samples.
     """
     log = task.log
     if log.even:
-        return _fits(task, design, Grid(log.period_s, 1.0), lag, frictions)
-    fits = _fits(task.by_samples(), design, Grid(log.sample_time_s, log.hold), lag * log.hold, frictions)
+        return _fits(task, design, Grid(log.period_s, 1.0), lag)
+    fits = _fits(task.by_samples(), design, Grid(log.sample_time_s, log.hold), lag * log.hold)
     return [fit.in_ticks(log) for fit in fits]
 
 
-def beside_friction(fits: Sequence[PlantFit], kept: float) -> list[PlantFit]:
+def beside_friction(
+    fits: Sequence[PlantFit], task: FitTask, design: IntendedLaw, lag: float, kept: float
+) -> list[PlantFit]:
     """Return fits of a log whose force is switched by the speed, with the error that its friction gives the delay.
 
     What turns with the speed is friction, or a force that compensates it and comes late: the delay is as far off as it
@@ -196,7 +188,12 @@ def beside_friction(fits: Sequence[PlantFit], kept: float) -> list[PlantFit]:
     keeps a share of it lags by share/(1 - share) ticks, which act as a delay: half of them may be either.
     """
     filter_lag = kept / (1 - kept)
-    all_fits = [*fits, *(other for fit in fits for other in fit.other_frictions)]
+    # Each friction is searched anew: a fit that begins at the declared friction's stays near it.
+    all_fits = list(fits)
+    friction_n = design.device.coulomb_friction_n
+    for factor in _FRICTIONS if friction_n else ():
+        device = design.device.model_copy(update={"coulomb_friction_n": factor * friction_n})
+        all_fits += fit_plants(task, replace(design, device=device), lag)
     most = _AS_LIKELY * min(fit.misfit for fit in all_fits)
     delays = [fit.best.delay for fit in all_fits if fit.misfit <= most]
 
@@ -206,7 +203,7 @@ def beside_friction(fits: Sequence[PlantFit], kept: float) -> list[PlantFit]:
     return [replace(fit, delay_error=error_of(fit)) for fit in fits]
 
 
-def _fits(task: FitTask, design: IntendedLaw, grid: Grid, lag: float, frictions: Sequence[float]) -> list[PlantFit]:
+def _fits(task: FitTask, design: IntendedLaw, grid: Grid, lag: float) -> list[PlantFit]:
     """Return device and hand in every structure, likeliest first, on the grid of a log; `lag` is in its periods."""
     log, swing, stages = task.log, task.swing, task.stages
     inside = log.position_m[swing.first : swing.last]
@@ -240,8 +237,7 @@ def _fits(task: FitTask, design: IntendedLaw, grid: Grid, lag: float, frictions:
         stages.begin("errors of hand and delay")
         fit = refinement.of(trial)
         if fit is not None:
-            others = (refinement.of(trial.with_friction(factor)) for factor in frictions)
-            fits.append(replace(fit, other_frictions=tuple(other for other in others if other is not None)))
+            fits.append(fit)
     return _with_alternatives(sorted(fits, key=lambda fit: fit.cost))
 
 

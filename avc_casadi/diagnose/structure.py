@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy import optimize
@@ -103,12 +103,6 @@ class PlantStructure:
         spread = np.array([unknown.spread for unknown in unknowns])
         most_delay = MOST_DELAY * grid.a_tick
         return cls(design, grid.period_s, hand, encoder_at, names, middle, spread, most_delay)
-
-    def with_friction(self, factor: float) -> PlantStructure:
-        """Return the structure with the dry friction of its device times a factor."""
-        device = self.design.device
-        changed = device.model_copy(update={"coulomb_friction_n": factor * device.coulomb_friction_n})
-        return replace(self, design=replace(self.design, device=changed))
 
     @property
     def resonant(self) -> bool:
