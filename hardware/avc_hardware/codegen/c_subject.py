@@ -118,9 +118,11 @@ def law_subject(problem: Problem, *, unsafe: bool) -> CSubject:
     law = require_device(problem).law
     if law is None:
         raise InputError.of("is missing; allowed: a table [law], or a coupling file", file=problem.name, key="law")
-    passed, sound, sentence = _verdict(problem)
-    if not passed and not unsafe:
-        raise NotDeployableError(f"{problem.name}, [law]: {sentence}; --unsafe (in Python unsafe=True) overrides.")
+    verdict = _verdict(problem)
+    if not verdict.passed and not unsafe:
+        raise NotDeployableError(
+            f"{problem.name}, [law]: {verdict.sentence}; --unsafe (in Python unsafe=True) overrides."
+        )
     period = law.period_s(problem.device.sample_time_s)
     acting = [name for key, name in _ACTS_OUTSIDE.items() if getattr(law, key)]
     everywhere = ", ".join(acting) or "nothing"
@@ -139,9 +141,9 @@ def law_subject(problem: Problem, *, unsafe: bool) -> CSubject:
         head=tuple(head.split("\n")),
         meant="its numbers mean",
         problem=problem,
-        passed=passed,
-        sound=sound,
-        sentence=sentence if passed else f"UNSAFE, written by request: {sentence}",
+        passed=verdict.passed,
+        sound=verdict.sound,
+        sentence=verdict.sentence if verdict.passed else f"UNSAFE, written by request: {verdict.sentence}",
         judged_for=JudgedFor.of_law(problem),
         place=in_wall if problem.law_in_wall else "everywhere",
     )
@@ -159,16 +161,27 @@ def law_id(problem: Problem) -> str:
     return hash_of(stated)
 
 
-def _verdict(problem: Problem) -> tuple[bool, bool, str]:
-    """Return whether a law is deployable and nothing doubted, and why in a sentence; what is not judged is neither."""
+@dataclass(frozen=True)
+class _LawVerdict:
+    """The verdict on a law that is exported."""
+
+    passed: bool
+    """Whether it is deployable."""
+    sound: bool
+    """Whether nothing of it is doubted."""
+    sentence: str
+
+
+def _verdict(problem: Problem) -> _LawVerdict:
+    """Return the verdict on the law of a problem; what is not judged is neither deployable nor sound."""
     # What is beyond a limit is said of a spring and damper; the limits of many numbers take long.
     limits = problem.law is not None and problem.law.is_spring_damper
     try:
         certificate = certify_law(problem, remedies=False, limits=limits)
     except UnsupportedError as error:
-        return False, False, f"not judged: {error}"
+        return _LawVerdict(passed=False, sound=False, sentence=f"not judged: {error}")
     word = "deployable" if certificate.passed else "not deployable"
-    return certificate.passed, certificate.sound, f"{word}: {certificate.reason}"
+    return _LawVerdict(certificate.passed, certificate.sound, f"{word}: {certificate.reason}")
 
 
 def _pieces(problem: Problem) -> list[str]:
