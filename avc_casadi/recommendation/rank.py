@@ -42,7 +42,7 @@ _AS_STIFF = 0.01
 # A press that ends below this share of the static stiffness counts instead of it.
 _SLOW = 0.95
 UNNOTICED = 0.2
-"""Largest impedance error of a convincing wall, below those 23 %."""
+"""Largest impedance error of a convincing wall: below the 23 % of stiffness that hands notice (see `NOTICED_ERROR`)."""
 MOVING_HZ = (1.0, 3.0, 10.0)
 """Motion of a hand, slow and as fast as it goes."""
 # Share of the hands below the vibration threshold that suffices: a stiff wall is kept despite a few light hands.

@@ -14,6 +14,7 @@ from avc_casadi.design.pair_certificate import PairCertificate
 from avc_casadi.design.virtual_tool import WIDEST_MARGIN
 from avc_casadi.loops.margins import SOUND_DISK
 from avc_casadi.present.row import Mark, Part, Row, Value, grade, parts, row, verdict_mark
+from avc_casadi.present.rows.admittance import mark_of
 from avc_casadi.present.rows.other_ends import thin
 from avc_casadi.present.rows.recommend import recommendation, ringing, verdict
 from avc_casadi.recommendation.recommendation import NoCoupling, PairRecommendation, Recommendation, WallRecommendation
@@ -62,13 +63,13 @@ def of_law(certificate: LawCertificate) -> Verdict:
 
 
 def of_admittance(certificate: AdmittanceCertificate) -> Verdict:
-    """Return the verdict on an admittance law; a thin margin is a caution."""
+    """Return the verdict on an admittance law; a thin margin, and a law that rings, is a caution."""
     if not certificate.stable:
         return Verdict(Mark.FAIL, "unstable")
     margin = disk_margin(certificate.disk_margin)
     if not certificate.passed:
         return Verdict(Mark.FAIL, NOT_DEPLOYABLE, margin)
-    return Verdict(grade(certificate.disk_margin >= SOUND_DISK, Mark.CAUTION), DEPLOYABLE, margin)
+    return Verdict(mark_of(certificate), DEPLOYABLE, margin)
 
 
 def of_stability(stable: bool) -> Verdict:
@@ -77,7 +78,7 @@ def of_stability(stable: bool) -> Verdict:
 
 
 def of_pair(certificate: PairCertificate) -> Verdict:
-    """Return the verdict on a spring and damper to another end; a thin margin is a caution."""
+    """Return the verdict on a spring and damper to another end; a thin margin, and a law that rings, is a caution."""
     if not certificate.stable:
         return of_stability(stable=False)
     sound = not thin(certificate.gain_margin, certificate.motor_margins)

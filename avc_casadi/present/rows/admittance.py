@@ -192,14 +192,17 @@ def _contact_line(contact: Contact) -> tuple[Part, ...]:
     return commas([span(contact.stiffness_n_per_m, "stiffness"), span(contact.damping_ns_per_m, "damping")])
 
 
+def mark_of(result: HandleVerdict) -> Mark:
+    """Return the mark of a verdict on a law of a device with a force sensor: a caution where it is thin or rings."""
+    return verdict_mark(result.passed, result.disk_margin >= SOUND_DISK and not result.rings)
+
+
 def certificate(result: AdmittanceCertificate, shown: str = "") -> Answer:
     """Return the answer of `certify` of an admittance law."""
     problem = result.problem
     shown = shown or problem.typed_name
-    sound = result.disk_margin >= SOUND_DISK
-    mark = verdict_mark(result.passed, sound and not result.rings)
     rows = [
-        row("Deployable", f"{'yes' if result.passed else 'no'}: {result.reason}", mark=mark),
+        row("Deployable", f"{'yes' if result.passed else 'no'}: {result.reason}", mark=mark_of(result)),
         margins(result, result.problem),
         damping_of(result),
         row("Worst case", worst_case(result.worst)),
@@ -207,7 +210,7 @@ def certificate(result: AdmittanceCertificate, shown: str = "") -> Answer:
         passivity(result.passivity),
         _noise(result),
     ]
-    if not sound and result.remedies is not None:
+    if result.disk_margin < SOUND_DISK and result.remedies is not None:
         rows.append(row("Would help", _remedies(result.remedies)))
     rows += subject.notes(_too_fast(problem, result.law), "Values")
     rows += untold(problem)
@@ -266,8 +269,9 @@ def drafted(new: NewAdmittance, shown: str) -> Answer:
     problem, units = new.problem(), new.units
     unknown = new.unknown()
     costs = (f"{units.key(option.key_beside_device)}: {option.cost}" for option in unknown)
-    told = () if CONTACT.key in new.typed else tuple(contact_doubts(problem))
-    doubts = [doubt for doubt in doubts_of(problem) if doubt not in told]
+    # A contact that is not typed is assumed, and is told as such.
+    of_assumed_contact = () if CONTACT.key in new.typed else tuple(contact_doubts(problem))
+    doubts = [doubt for doubt in doubts_of(problem) if doubt not in of_assumed_contact]
     assumed = {units.key(key): value for key, value in new.assumed().items()}
     rows = [
         row("Hands", f"{new.held}:", _hands_line(problem)),

@@ -8,9 +8,8 @@ from shlex import quote
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.units import Quantity
 from avc_casadi.claims.force_feedback import ForceFeedbackCertificate, IdealLimit
-from avc_casadi.loops.margins import SOUND_DISK
 from avc_casadi.model.sensed import ForceFeedbackProblem, SensedDevice, SensedLaw
-from avc_casadi.present.row import Answer, Mark, Part, Row, Value, caution, commas, grade, parts, row, verdict_mark
+from avc_casadi.present.row import Answer, Mark, Part, Row, Value, caution, commas, grade, parts, row
 from avc_casadi.present.rows import admittance, pieces, subject
 from avc_casadi.recommendation.force_feedback import ForceFeedbackRecommendation, LargerGain
 
@@ -82,10 +81,8 @@ def certificate(result: ForceFeedbackCertificate, shown: str = "") -> Answer:
     """Return the answer of `certify`."""
     problem = result.problem
     shown = shown or problem.typed_name
-    sound = result.disk_margin >= SOUND_DISK and not result.rings
-    mark = verdict_mark(result.passed, sound)
     rows = [
-        row("Deployable", f"{'yes' if result.passed else 'no'}: {result.reason}", mark=mark),
+        row("Deployable", f"{'yes' if result.passed else 'no'}: {result.reason}", mark=admittance.mark_of(result)),
         admittance.margins(result, problem),
         admittance.damping_of(result, _CHANGES.__getitem__),
         row("Worst case", admittance.worst_case(result.worst)),
