@@ -18,6 +18,11 @@ def number(value: float | None, digits: int = 4) -> str:
     return "-" if value is None or math.isnan(value) else f"{value + 0.0:.{digits}g}"  # -0 is 0
 
 
+def plural(count: int, thing: str) -> str:
+    """Return a number of things: "1 row", "3 rows"."""
+    return f"{count} {thing}{'' if count == 1 else 's'}"
+
+
 def quantity(value: float | None, unit: str, digits: int = 3, beside: float | None = None) -> str:
     """Return a value with its unit, to so many significant digits: 99 040 N/m as ``99.0 kN/m``; a dash for none.
 

@@ -13,7 +13,7 @@ import numpy as np
 from avc_casadi._errors import InputError
 from avc_casadi._util.json_values import plain_table
 from avc_casadi._util.progress import SILENT, Progress, Stages
-from avc_casadi._util.text import number
+from avc_casadi._util.text import number, plural
 from avc_casadi.coupling import Coupling
 from avc_casadi.diagnose.change import FEW_STEPS, OTHER, cause_of, late_alone, undeclared_mode, unknown_mechanics
 from avc_casadi.diagnose.fit import FitTask, PlantFit, fit_log
@@ -212,7 +212,7 @@ def diagnose(  # noqa: PLR0913 - options by name, of a public call
         device, hands = device or coupling.problem.device, hands or coupling.problem.hands
     count = columns.time_s.size
     if count < _FEWEST_SAMPLES:
-        message = f"has {count} {'sample' if count == 1 else 'samples'}; allowed: at least {_FEWEST_SAMPLES}"
+        message = f"has {plural(count, 'sample')}; allowed: at least {_FEWEST_SAMPLES}"
         raise InputError.of(message, file=columns.file, key="time")
     grid, notes = log_of(columns, flip_force=flip_force)
     design = _design(device, hands, grid, columns, handle_radius_m)

@@ -16,7 +16,7 @@ from scipy.interpolate import make_interp_spline
 
 from avc_casadi._errors import Fault, InputError
 from avc_casadi._util.arrays import BoolArray, FloatArray, IndexArray
-from avc_casadi._util.text import number
+from avc_casadi._util.text import number, plural
 from avc_casadi._util.units import MotionKind
 from avc_casadi.model.device import Device
 from avc_casadi.model.quantity import RADII_M
@@ -301,8 +301,7 @@ def faults_of(columns: Columns, *, swing: bool = False) -> list[Fault]:
         faults += faults_of_rows(columns.file, key, rows, "a finite number")
     fewest = _SHORTEST_SWING if swing else _SHORTEST
     if columns.time_s.size < fewest:
-        have = columns.time_s.size
-        message = f"has {have} sample{'' if have == 1 else 's'}; allowed: at least {fewest}"
+        message = f"has {plural(columns.time_s.size, 'sample')}; allowed: at least {fewest}"
         faults.append(Fault(columns.file, None, "", message))
     if faults:
         return faults

@@ -12,6 +12,7 @@ from shlex import quote
 from typing import Any, ClassVar
 
 from avc_casadi._util.json_values import Document, plain
+from avc_casadi._util.text import plural
 from avc_casadi._util.units import Quantity, Units
 from avc_casadi.claims.deployable import Deployable
 from avc_casadi.claims.judged_for import JudgedFor
@@ -156,8 +157,8 @@ def push(
     """Return the answer of `push`; ``loop`` is the trial on the emulated device, None on a device."""
     problem = coupling.problem
     rounding = f" within {result.rounding_max:.0e}, the rounding of" if result.rounding_max else " in"
-    attempts = f", {subject.plural(result.attempts, 'attempt')}), CRC {result.crc32:08x}"
-    table = f"coupling {coupling.id}, {subject.plural(result.rows, 'row')} on {result.port}"
+    attempts = f", {plural(result.attempts, 'attempt')}), CRC {result.crc32:08x}"
+    table = f"coupling {coupling.id}, {plural(result.rows, 'row')} on {result.port}"
     rows = [
         *_unsafe(deployment.unsafe),
         row("Pushed", table, "(", Value(result.seconds, "time"), attempts),
@@ -307,7 +308,7 @@ def _wall_in_c(end: Wall, coupling: Coupling) -> _InC:  # noqa: ARG001
     damping, stiffness, contact_damping = (column[usable].tolist() for column in columns)
     observer = "observer with state feedback," if coupling.runtime.state_feedback is not None else ""
     gains = parts(observer, subject.gain_spans(damping, stiffness, contact_damping, coupling.problem))
-    return _InC(gains, subject.plural(len(coupling.table), "row"))
+    return _InC(gains, plural(len(coupling.table), "row"))
 
 
 @_in_c.register

@@ -12,6 +12,7 @@ import numpy as np
 
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.json_values import Document, plain
+from avc_casadi._util.text import plural
 from avc_casadi._util.units import Quantity
 from avc_casadi.design.comparison.comparison import Comparison, CrossCheck
 from avc_casadi.design.solution import SolvedGains
@@ -332,10 +333,10 @@ def _proposed(damper: str) -> list[Row]:
 def _model(model: ModelledMass) -> list[Row]:
     """Return the mass at the tip of a model over its poses, and what was left out of it."""
     mass = model.mass
-    poses = f"over {subject.plural(mass.poses, 'pose')} and all normals of {model.tip}"
+    poses = f"over {plural(mass.poses, 'pose')} and all normals of {model.tip}"
     rows = [row("Mass", Value(mass.mass_kg, "mass"), ",", span(mass.range_kg, "mass"), poses)]
     if mass.singular_poses:
-        near = f"{subject.plural(mass.singular_poses, 'pose')} near a singular one, where the mass grows without limit"
+        near = f"{plural(mass.singular_poses, 'pose')} near a singular one, where the mass grows without limit"
         rows.append(row("Left out", near, mark=Mark.CAUTION))
     if mass.has_dry_friction:
         rows += subject.notes(

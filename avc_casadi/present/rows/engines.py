@@ -12,6 +12,7 @@ from typing import get_args
 
 from avc_casadi._errors import InputError
 from avc_casadi._util.json_values import plain
+from avc_casadi._util.text import plural
 from avc_casadi.claims.judged_for import JudgedFor
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.ends import Exchange, Simulation, mujoco_contact_n_per_m
@@ -235,6 +236,6 @@ def _handed_in(tool: Simulation) -> str:
 
 def _handed_out(tool: Simulation, engine: EngineNames) -> str:
     """Return what the engine hands to the device's loop, and when."""
-    late = f", {subject.plural(tool.steps_late, 'step')} later" if tool.steps_late else ""
+    late = f", {plural(tool.steps_late, 'step')} later" if tool.steps_late else ""
     ahead = "" if tool.exchange == "held-force" else f"; {_AHEAD}"
     return f"hand out {words.EXCHANGES[tool.exchange].format(step=engine.step)}{ahead}{late}"

@@ -10,6 +10,7 @@ from shlex import quote
 from avc_casadi._util.arrays import Interval
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.open_end import AboveZero
+from avc_casadi._util.text import plural
 from avc_casadi.claims.joint import JointCertificate
 from avc_casadi.files.joint_model import ModelledJoint
 from avc_casadi.loops.joint import JointGains
@@ -143,7 +144,7 @@ def _least_mass(result: JointCertificate) -> tuple[Part, ...]:
 
 def drafted(joint: ModelledJoint, problem: Problem, shown: str) -> Answer:
     """Return the answer of `new` of a joint of a model."""
-    mass = span(joint.range_kg, "mass"), f"over {subject.plural(joint.poses, 'pose')}, armature included"
+    mass = span(joint.range_kg, "mass"), f"over {plural(joint.poses, 'pose')}, armature included"
     step = Value(joint.step_s, "time"), "" if joint.states_step else "assumed: the model states none"
     actuators: tuple[Part, ...] = ("none with kp or kd on this joint",)
     if joint.kp or joint.kd:

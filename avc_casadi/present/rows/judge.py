@@ -12,7 +12,7 @@ from typing import Any, SupportsFloat
 
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.page import worded
-from avc_casadi._util.text import percent
+from avc_casadi._util.text import percent, plural
 from avc_casadi._util.units import Quantity, Units
 from avc_casadi.claims.deployable import CertifiedCoupling, Deployable, DeployClaim
 from avc_casadi.claims.engine_port import EnginePort, PortPassivity
@@ -576,7 +576,7 @@ def _effect_cost(effect: EffectCost, scatter_ns: float) -> Row:
     time = f"below {max(scatter_ns, 1):.0f} ns"
     if effect.ns_per_step > scatter_ns:
         time = f"{effect.ns_per_step:.0f} ns"
-    states = f"{subject.plural(effect.states, 'state')},"
+    states = f"{plural(effect.states, 'state')},"
     return row(label, states, Value(effect.instructions, "number", 9), f"instructions, {time}", rank=1)
 
 

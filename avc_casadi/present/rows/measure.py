@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from shlex import quote
 
 from avc_casadi._util.json_values import plain
-from avc_casadi._util.text import number
+from avc_casadi._util.text import number, plural
 from avc_casadi._util.units import Quantity, Units
 from avc_casadi.diagnose.causes import Diagnosis
 from avc_casadi.diagnose.fit import PlantFit
@@ -121,7 +121,7 @@ def log(
 ) -> Answer:
     """Return the answer of `excite`: the log that was played; of one that was cut short the log alone."""
     lost = f"{played.lost} lost, seen as gaps" if played.lost else "none lost"
-    recorded = (f"{subject.plural(played.records, 'record')} in", Value(played.seconds, "time"), f", {lost}")
+    recorded = (f"{plural(played.records, 'record')} in", Value(played.seconds, "time"), f", {lost}")
     force, speed = Value(played.peak_force_n, "force"), Value(played.peak_speed_m_per_s, "speed")
     rows = [
         row("Played", played.end, mark=grade(played.whole)),
@@ -138,7 +138,7 @@ _FIRST_ESTIMATES = 9
 
 def identification(result: Identification, units: Units, logs: Sequence[str], out: str | None) -> Answer:
     """Return the answer of `identify`: a row for each value of the device."""
-    length = (Value(result.seconds, "time"), f"in {subject.plural(result.records, 'record')} at")
+    length = (Value(result.seconds, "time"), f"in {plural(result.records, 'record')} at")
     title = parts(", ".join(logs), " ", length, Value(1 / result.sample_time_s, "frequency"))
     rows = [
         _estimate(units.key(key), estimate, rank=0 if place < _FIRST_ESTIMATES else 1)
@@ -199,9 +199,7 @@ def diagnosis(diagnoses: Sequence[Diagnosis]) -> Answer:
             row(result.log.name, result.conclusion, _other_coupling(result), mark=_verdict_mark(result))
             for result in diagnoses[:_MOST_LOGS]
         ]
-        rows += (
-            [row("Others", subject.plural(len(diagnoses) - _MOST_LOGS, "log"))] if len(diagnoses) > _MOST_LOGS else []
-        )
+        rows += [row("Others", plural(len(diagnoses) - _MOST_LOGS, "log"))] if len(diagnoses) > _MOST_LOGS else []
         return Answer("diagnose", {"logs": documents}, (f"{len(diagnoses)} logs",), tuple(rows), units=units)
     log = diagnoses[0].log
     title = parts(log.name, " ", Value(log.position_m.size * log.period_s, "time"))

@@ -254,11 +254,6 @@ def counts(numbers: Mapping[str, int]) -> str:
     return ", ".join(f"{number} {name}" for name, number in numbers.items() if number) or "none"
 
 
-def plural(number: int, thing: str) -> str:
-    """Return a number of things: "1 row", "3 rows"."""
-    return f"{number} {thing}{'' if number == 1 else 's'}"
-
-
 def settled(counts: HandCounts, *, doubt: bool = False) -> Mark:
     """Return the mark of a trial: fails where hands do not settle, a caution where some need dry friction for it."""
     if counts.at_rest < counts.hands:
