@@ -11,7 +11,8 @@ from avc_casadi.files.admittance_file import dump_admittance, parse_admittance
 from avc_casadi.present.explore.admittance import with_law
 from avc_casadi.present.explore.explorer import Explorer, _solved
 from avc_casadi.present.explore.server import OPENS_WITH, answer
-from avc_casadi.present.row import text_of
+from avc_casadi.present.explore.verdict import of_admittance
+from avc_casadi.present.row import Mark, text_of
 from avc_casadi.present.rows import admittance
 
 ARM = avc.load_admittance("admittance/cobot")
@@ -143,3 +144,12 @@ def test_a_device_that_turns_shows_its_own_units():
         {"settings": OPENS_WITH | {"values": {"device.handle_radius_m": 0.2}}, "extent": "pictures"},
     )
     assert found["values"]["hands.mass_kg.0"] == pytest.approx(0.5 * 4)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("damping_ns_per_m", "mark"), [(60.0, Mark.FAIL), (100.0, Mark.CAUTION), (200.0, Mark.PASS)])
+def test_a_law_has_the_mark_that_certify_gives_it(damping_ns_per_m, mark):
+    """With 2 kg at 100 N.s/m the disk margin of the cobot is sound, 0.44, and its damping ratio is below 0.2."""
+    law = {"mass_kg": 2.0, "damping_ns_per_m": damping_ns_per_m}
+    found = avc.certify_admittance(ARM, law=law)
+    assert of_admittance(found).mark is admittance.certificate(found).rows[0].mark is mark
