@@ -455,7 +455,7 @@ def _judge(diagnosis: Diagnosis, law: FittedLaw, fits: Sequence[PlantFit]) -> Di
         doubts.append("simulated with these numbers the loop does not swing as the log does")
     outside = drives_from_outside(log, swing, law, fit.best) if swing.steps > FEW_STEPS else ""
     if outside:
-        doubts.append(outside)
+        doubts = [outside] if fit.best.shake_hz is not None else [*doubts, outside]
     candidates: tuple[str, ...] = ()
     if shares.get(OTHER, 0.0) < _SURE:
         candidates = tuple(key for key in shares if key != OTHER)[:2]

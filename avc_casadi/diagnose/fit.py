@@ -15,7 +15,7 @@ from avc_casadi.diagnose.law import FittedLaw
 from avc_casadi.diagnose.oscillation import LEAST_ALIKE, Log, Oscillation, samples_alike
 from avc_casadi.diagnose.plant import Hypothesis, IntendedLaw
 from avc_casadi.diagnose.priors import Grid
-from avc_casadi.diagnose.structure import PlantStructure, root_mean_square, structures_of
+from avc_casadi.diagnose.structure import PlantStructure, root_mean_square, shaken_structure, structures_of
 from avc_casadi.diagnose.windows import MOST_DELAY, LogWindow, windows_of
 
 _DRAWS = 12
@@ -31,6 +31,8 @@ _RESONANCE_ODDS = 12.0
 """ln of the odds against a resonance that is not declared."""
 _STOP_ODDS = 8.0
 """ln of the odds against travel stops."""
+_SHAKE_ODDS = 8.0
+"""ln of the odds against a shaking from outside."""
 
 _MODEL_ERROR = 5e-3
 """Share of the swing that no model explains."""
@@ -231,6 +233,10 @@ def _fits(task: FitTask, design: IntendedLaw, grid: Grid, lag: float) -> list[Pl
         stages.begin("a resonance")
         resonant = structures_of(design, grid, lag, swing.frequency_hz, resonant=True)
         trials += [_begin(structure, windows, noise) for structure in resonant]
+    # A steady swing may be that of a hand or a table: what shakes a loop has no growth of its own.
+    if swing.kind == "limit cycle":
+        stages.begin("a shaking from outside")
+        trials.append(_begin(shaken_structure(design, grid, lag, swing.frequency_hz), windows, noise))
     refinement = _Refinement(windows, _levels(trials, windows, noise), noise, scatter, task.seed)
     fits = []
     for trial in trials:
@@ -330,9 +336,11 @@ class _Refinement:
             return None
         # The evidence integrates over the posterior, to compare structures with different numbers of unknowns.
         volume = 0.5 * float(np.sum(np.log(values))) + float(np.sum(np.log(structure.spread)))
-        odds = _RESONANCE_ODDS * structure.resonant + _STOP_ODDS * (structure.stops is not None)
+        best = structure.hypothesis(point)
+        odds = _RESONANCE_ODDS * structure.resonant + _STOP_ODDS * (best.stops is not None)
+        odds += _SHAKE_ODDS * (best.shake_hz is not None)
         return PlantFit(
-            best=structure.hypothesis(point),
+            best=best,
             draws=tuple(map(structure.hypothesis, sample)),
             cost=solution.cost + volume + odds,
             misfit=min(structure.rms(point, self.windows)) / self.noise_m,

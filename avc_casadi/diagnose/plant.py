@@ -55,11 +55,13 @@ class IntendedLaw:
 
 @dataclass(frozen=True, eq=False)
 class Hypothesis:
-    """A device, the hand on it or None, and the positions of travel stops, m."""
+    """A device, the hand on it or None, the positions of travel stops, m, and how something outside shakes it."""
 
     device: Device
     hand: Hand | None
     stops: tuple[float, float] | None = None
+    shake_hz: float | None = None
+    """Frequency of a steady sine by which a hand, the table or a machine moves the device, Hz; None without one."""
 
     def vary(self, **values: DeviceValue) -> Hypothesis:
         """Return the hypothesis with other values of its device; a delay below the least of a device is none."""

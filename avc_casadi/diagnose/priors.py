@@ -50,6 +50,9 @@ _MODE_MASS_RATIO = 0.4
 _MODE_MASS_SPREAD = 0.15
 """Spread of that share."""
 
+_SHAKE_SPREAD = 0.01
+"""Spread of the frequency of a shaking, as a share of that of the swing: its cycles are counted to about that."""
+
 
 @dataclass(frozen=True)
 class Grid:
@@ -86,6 +89,11 @@ def mode_unknowns(swing_hz: float) -> list[Unknown]:
         Unknown("mode_damping_ratio", math.log(_MODE_DAMPING_RATIO), _MODE_SPREAD),
         Unknown("mode_mass_ratio", _MODE_MASS_RATIO, _MODE_MASS_SPREAD),
     ]
+
+
+def shake_unknown(swing_hz: float) -> Unknown:
+    """Return ln of the frequency at which something outside shakes the device: that of the swing."""
+    return Unknown("shake_frequency", math.log(swing_hz), _SHAKE_SPREAD)
 
 
 def delays_of(design: IntendedLaw, grid: Grid, lag: float) -> tuple[Unknown, Unknown]:

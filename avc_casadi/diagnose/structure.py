@@ -21,6 +21,7 @@ from avc_casadi.diagnose.priors import (
     delays_of,
     hand_unknowns,
     mode_unknowns,
+    shake_unknown,
 )
 from avc_casadi.diagnose.windows import MOST_DELAY, LogWindow
 from avc_casadi.model.hands import Hand
@@ -142,7 +143,8 @@ class PlantStructure:
                 "damping_ratio": min(math.exp(value["mode_damping_ratio"]), _MOST_DAMPING_RATIO),
                 "mass_ratio": value["mode_mass_ratio"],
             }
-        return Hypothesis(device, hand, self.stops).vary(**changed)
+        shake_hz = math.exp(value["shake_frequency"]) if "shake_frequency" in value else None
+        return Hypothesis(device, hand, self.stops, shake_hz).vary(**changed)
 
     def resonance_hz(self, points: FloatArray) -> Interval | None:
         """Return the interval of the frequency of a released device's resonance, Hz, at points of shape (p, u)."""
@@ -167,14 +169,15 @@ class PlantStructure:
 
     def residuals(self, point: FloatArray, windows: Sequence[LogWindow]) -> list[FloatArray]:
         """Return the residual of the position in each window, m, at a point of the unknowns, shape (u,)."""
-        motion = SampledMotion.of(self.hypothesis(point), self.period_s)
-        return [self._residual(motion, window) for window in windows]
+        hypothesis = self.hypothesis(point)
+        motion = SampledMotion.of(hypothesis, self.period_s)
+        return [self._residual(motion, window, hypothesis.shake_hz) for window in windows]
 
-    def _residual(self, motion: SampledMotion, window: LogWindow) -> FloatArray:
+    def _residual(self, motion: SampledMotion, window: LogWindow, shake_hz: float | None) -> FloatArray:
         """Return the residual of the position between stops, m, at the ticks that are used.
 
         Projected out is motion that is not of the logged force: free motion from any state, the slow motion of the
-        hand, and without a hand a weight that may change.
+        hand, a steady sine of `shake_hz`, and without a hand a weight that may change.
         """
         n = window.position.size
         forced = self._forced(motion, window)
@@ -184,6 +187,9 @@ class PlantStructure:
             between = np.abs(window.start + window.position - np.mean(self.stops)) <= np.ptp(self.stops) / 2
             use, columns = use & between, _anew(columns[0], between)
         columns.append(window.slow)
+        if shake_hz is not None:
+            angle = 2 * math.pi * shake_hz * self.period_s * np.arange(n)
+            columns.append(np.stack([np.cos(angle), np.sin(angle)], axis=1))
         if not self.hand:
             pushes = (np.ones(n), np.arange(n) / n)
             columns.append(np.stack([motion.response(motion.new + motion.old, push) for push in pushes], axis=1))
@@ -263,12 +269,7 @@ def structures_of(
 
     A resonance is tried with the declared delay alone, the encoder on either side of it.
     """
-    hand = hand_unknowns(design)
-    device = [
-        Unknown("device_mass", 0.0, MASS_SPREAD if design.known else ASSUMED_SPREAD),
-        Unknown("device_damping", 0.0, DAMPING_SPREAD if design.known else ASSUMED_SPREAD),
-    ]
-    held = [*hand, *([] if design.known else device)]
+    held, device = _held_unknowns(design), _device_unknowns(design)
     punctual, late = delays_of(design, grid, lag)
     if resonant:
         mode = mode_unknowns(swing_hz)
@@ -282,6 +283,30 @@ def structures_of(
         for with_hand, unknowns in ((True, held), (False, device))
         for delay in (punctual, late)
     ]
+
+
+def shaken_structure(design: IntendedLaw, grid: Grid, lag: float, swing_hz: float) -> PlantStructure:
+    """Return the structure of a held device that something outside shakes at the frequency of the swing.
+
+    A loop that swings by itself has harmonics where its force is limited or its wall is left, or it grows first; under
+    its logged force and a steady sine a device with the declared delay does not move as such a log shows.
+    """
+    punctual, _ = delays_of(design, grid, lag)
+    unknowns = [punctual, *_held_unknowns(design), shake_unknown(swing_hz)]
+    return PlantStructure.of(design, grid, unknowns, hand=True, encoder_at=None)
+
+
+def _device_unknowns(design: IntendedLaw) -> list[Unknown]:
+    """Return ln of mass and damping of the device, over what its file states or what is assumed."""
+    return [
+        Unknown("device_mass", 0.0, MASS_SPREAD if design.known else ASSUMED_SPREAD),
+        Unknown("device_damping", 0.0, DAMPING_SPREAD if design.known else ASSUMED_SPREAD),
+    ]
+
+
+def _held_unknowns(design: IntendedLaw) -> list[Unknown]:
+    """Return the unknowns of a held device: of its hand, which hides what a file states of the device."""
+    return [*hand_unknowns(design), *([] if design.known else _device_unknowns(design))]
 
 
 def root_mean_square(residual: FloatArray) -> float:

@@ -1,4 +1,4 @@
-"""What drives a swing from outside: a force that takes energy from it, or a steady swing that nothing limits."""
+"""What drives a swing from outside: a shaking, a force that takes energy, or a steady swing that nothing limits."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ import math
 
 import numpy as np
 
+from avc_casadi._util.text import number
 from avc_casadi.diagnose.law import FittedLaw
 from avc_casadi.diagnose.oscillation import Log, Oscillation
-from avc_casadi.diagnose.plant import Hypothesis
+from avc_casadi.diagnose.plant import Hypothesis, stable
 from avc_casadi.model.hands import released_hand
 from avc_casadi.model.plant import DEVICE, sampled_plant
 
@@ -25,6 +26,9 @@ _ALWAYS_TOUCHING = 0.999
 
 def drives_from_outside(log: Log, swing: Oscillation, law: FittedLaw, hypothesis: Hypothesis) -> str:
     """Return why a hand, the table or a machine drives a swing of more than a few encoder steps; empty where not."""
+    if hypothesis.shake_hz is not None and stable(hypothesis, law):
+        frequency = number(hypothesis.shake_hz, 3)
+        return f"a steady push from outside at {frequency} Hz explains the motion: a hand, the table or a machine shakes it"
     if work_w(log, swing, hypothesis) < 0:
         return "the force as it acts takes energy from the swing: a hand, the table or a machine drives it"
     if swing.kind == "limit cycle" and not limited(log, swing, law, hypothesis):
