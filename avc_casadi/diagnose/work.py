@@ -27,8 +27,8 @@ _ALWAYS_TOUCHING = 0.999
 def drives_from_outside(log: Log, swing: Oscillation, law: FittedLaw, hypothesis: Hypothesis) -> str:
     """Return why a hand, the table or a machine drives a swing of more than a few encoder steps; empty where not."""
     if hypothesis.shake_hz is not None and stable(hypothesis, law):
-        frequency = number(hypothesis.shake_hz, 3)
-        return f"a steady push from outside at {frequency} Hz explains the motion: a hand, the table or a machine shakes it"
+        push = f"a steady push from outside at {number(hypothesis.shake_hz, 3)} Hz"
+        return f"{push} explains the motion: a hand, the table or a machine shakes the device"
     if work_w(log, swing, hypothesis) < 0:
         return "the force as it acts takes energy from the swing: a hand, the table or a machine drives it"
     if swing.kind == "limit cycle" and not limited(log, swing, law, hypothesis):

@@ -298,6 +298,23 @@ def test_what_is_shaken_from_outside_is_not_said_to_be_the_loop(hertz, size_n):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(("hertz", "travel_m"), [(8.0, 0.003), (15.0, 0.002)])
+def test_a_hand_that_shakes_the_device_out_of_a_stable_wall_is_no_delay(hertz, travel_m):
+    """The hand leaves the wall in each cycle, which bounds the swing of an unstable loop too."""
+
+    def shakes(tick, position, velocity):
+        place = min(0.02 * tick * 1e-3 - 0.005, 0.004) + travel_m * np.sin(2 * np.pi * hertz * tick * 1e-3)
+        return 400 * (place - position) - 6 * velocity
+
+    law = lambda _, z, u: -max(1000 * z + 10 * u, 0.0) if z > 0 else 0.0  # noqa: E731
+    log = held_log(law, mass=0.27, damping=0.8, friction=0.05, ticks=3000, delay=1, limit=8.0, outside=shakes)
+    device = LINEAR.model_copy(update={"mass_kg": 0.12, "damping_ns_per_m": 0.8, "max_force_n": 8.0})
+    found = diagnose(log, device=device)
+    assert (found.verdict, found.cause) == ("cannot tell", None), found.conclusion
+    assert found.fit.best.shake_hz == pytest.approx(hertz, rel=2e-3)
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("play_n", [0.5, 0.6])
 def test_an_amplifier_that_no_model_holds_gets_no_remedy(play_n):
     given = [0.0]
