@@ -36,12 +36,6 @@ Verdict = Literal["named", "cannot tell", "nothing wrong", "not the loop"]
 _SURE = 2 / 3
 """Share of the evidence from which on a cause is named: odds of two to one."""
 
-_LONGER_SAMPLES = 1.2
-"""Ratio of the sample time of a log to the declared one above which they may not be of the same device."""
-
-_LONGEST_TRAVEL_M = 1.0
-"""Travel of a linear device, m, above which its log may have another unit: haptic devices move by less."""
-
 _FEWEST_SAMPLES = 60
 """Samples of the shortest log."""
 
@@ -90,8 +84,10 @@ _NEAR_BY_SHARE = 0.01
 _NEAR_BY_MOST = 8
 """About as many such hypotheses are simulated."""
 
-_BESIDE_UNKNOWN = frozenset({"delay", "let-go", "encoder"})
-"""Causes for which undeclared mechanics, a resonance or travel stops, may stand: the fit beside them is no proof."""
+_BESIDE_STOPS = frozenset({"delay", "let-go", "encoder"})
+"""Causes for which travel stops that are not declared may stand: the fit beside them is no proof."""
+_BESIDE_RESONANCE = _BESIDE_STOPS | {"stiffness", "damping"}
+"""Those for which a resonance may: of gains the limit of a loop without the resonance depends on an uncertain hand."""
 
 _USUAL_STAGES = 9
 """Stages of a usual diagnosis: four structures, each fitted and refined; causes and remedies."""
@@ -212,8 +208,8 @@ def diagnose(  # noqa: PLR0913 - options by name, of a public call
         device, hands = device or coupling.problem.device, hands or coupling.problem.hands
     count = columns.time_s.size
     if count < _FEWEST_SAMPLES:
-        message = f"has {plural(count, 'sample')}; allowed: at least {_FEWEST_SAMPLES}"
-        raise InputError.of(message, file=columns.file, key="time")
+        allowed = f"allowed: at least {_FEWEST_SAMPLES}"
+        raise InputError.of(f"has {plural(count, 'sample')}; {allowed}", file=columns.file, key="time")
     grid, notes = log_of(columns, flip_force=flip_force)
     design = _design(device, hands, grid, columns, handle_radius_m)
     if not design.known:
@@ -224,7 +220,7 @@ def diagnose(  # noqa: PLR0913 - options by name, of a public call
         notes.append("the log has larger forces than max_force_n; the limit is ignored: check the limit and the units")
         design = replace(design, device=design.device.model_copy(update={"max_force_n": None}))
     limit = design.device.max_force_n
-    notes += _doubtful_files(grid, design)
+    notes += design.mismatches(grid)
     with progress.step("oscillation and force"):
         swing = find_oscillation(grid, limit)
         law = find_law(grid, swing, limit, design.device.coulomb_friction_n)
@@ -240,21 +236,6 @@ def diagnose(  # noqa: PLR0913 - options by name, of a public call
         fitted_log, fits = fit_log(FitTask(grid, swing, seed, stages), design, law_or_verdict)
         stages.begin("causes and remedies")
         return _judge(replace(begun, log=fitted_log), law_or_verdict, fits)
-
-
-def _doubtful_files(log: Log, design: IntendedLaw) -> list[str]:
-    """Return what of a log and its device file is unlikely: their rates, or the size of the motion."""
-    notes = []
-    stated_s = design.device.sample_time_s
-    if design.known and log.sample_time_s > _LONGER_SAMPLES * stated_s:
-        notes.append(
-            f"the log has a sample every {number(1e3 * log.sample_time_s, 3)} ms, and device.sample_time_s is "
-            f"{number(1e3 * stated_s, 3)} ms: check that log and file are of the same device and rate"
-        )
-    travel_m = float(np.ptp(log.position_m))
-    if design.device.motion == "linear" and travel_m > _LONGEST_TRAVEL_M:
-        notes.append(f"the position moves by {number(travel_m, 3)} m: check its unit (--units position=mm)")
-    return notes
 
 
 def _passes_limit(log: Log, device: Device) -> bool:
@@ -577,7 +558,8 @@ def _doubts(
     beyond_declared = fit.best.delay + law.lag - design.latest(log)
     if fit.at_end or (first == "delay" and beyond_declared < 2 * fit.delay_error):
         doubts.append("the log does not determine the delay")
-    if unknown_mechanics(fit.best, design) and first in _BESIDE_UNKNOWN:
+    resonates = undeclared_mode(fit.best, design)
+    if (resonates and first in _BESIDE_RESONANCE) or (fit.best.stops is not None and first in _BESIDE_STOPS):
         doubts.append("a resonance or travel stops that are not declared explain the motion too")
     if first == "resonance" and late_alone(fit.best, law, log, design):
         doubts.append("without the delay beyond the declared one the loop settles too")

@@ -7,6 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
 
+import numpy as np
+
+from avc_casadi._util.text import number
 from avc_casadi.diagnose.law import FittedLaw
 from avc_casadi.diagnose.oscillation import Log
 from avc_casadi.loops.loop import Body
@@ -28,6 +31,9 @@ EncoderSide = Literal["motor", "handle"]
 DeviceValue = float | EncoderSide | Mapping[str, float] | None
 """Value of a key of a device: a number, the place of its encoder, a table such as a resonance, or none."""
 
+_LONGEST_TRAVEL_M = 1.0
+"""Travel of a linear device, m, above which its log may have another unit: haptic devices move by less."""
+
 
 @dataclass(frozen=True)
 class IntendedLaw:
@@ -47,6 +53,20 @@ class IntendedLaw:
         """Return the samples of the device in a tick of a log, which may be longer."""
         ratio = log.period_s / self.device.sample_time_s
         return ratio if ratio > _SLOWER_LOG else 1.0
+
+    def mismatches(self, log: Log) -> list[str]:
+        """Return what of a log is unlikely of the device: its rate, or the size of its motion."""
+        sentences = []
+        stated_s = self.device.sample_time_s
+        if self.known and log.sample_time_s > _SLOWER_LOG * stated_s:
+            sentences.append(
+                f"the log has a sample every {number(1e3 * log.sample_time_s, 3)} ms, and device.sample_time_s is "
+                f"{number(1e3 * stated_s, 3)} ms: check that log and file are of the same device and rate"
+            )
+        travel_m = float(np.ptp(log.position_m))
+        if self.device.motion == "linear" and travel_m > _LONGEST_TRAVEL_M:
+            sentences.append(f"the position moves by {number(travel_m, 3)} m: check its unit (--units position=mm)")
+        return sentences
 
     def latest(self, log: Log) -> float:
         """Return the longest declared delay in ticks of a log."""
