@@ -233,7 +233,7 @@ def diagnose(  # noqa: PLR0913 - options by name, of a public call
         return law_or_verdict
     with progress.step("device, hand, causes and remedies"):
         stages = Stages(progress, _USUAL_STAGES * (2 if grid.missed_share else 1))
-        fitted_log, fits = fit_log(FitTask(grid, swing, seed, stages), design, law_or_verdict)
+        fitted_log, fits = fit_log(FitTask(grid, swing, law_or_verdict, seed, stages), design)
         stages.begin("causes and remedies")
         return _judge(replace(begun, log=fitted_log), law_or_verdict, fits)
 
@@ -366,21 +366,20 @@ def _of_sign(diagnosis: Diagnosis, law: FittedLaw, mass: float) -> Diagnosis | N
     """Return the verdict of a force that pushes the device away from where it is none; None of one that does not."""
     log, device = diagnosis.log, diagnosis.design.device
     k, b = law.stiffness_n_per_m, law.damping_ns_per_m
-    simple = law.switch is None and law.frames is None
     away = k < 0
     # A spring late by a tick that no lag explains is a damper of this size.
-    drives = simple and k > 0 and b + law.damping_error_ns_per_m < -k * log.period_s
+    drives = law.linear and k > 0 and b + law.damping_error_ns_per_m < -k * log.period_s
     # A mass that is not the device alone is a hand's too, and a hand may push the device away as well.
     low, high = _ABOUT_DEVICE
     alone = diagnosis.design.known and low < abs(mass) / device.mass_kg < high
-    if simple and away and not math.isfinite(mass):
+    if law.linear and away and not math.isfinite(mass):
         way = "leave --flip-force out" if diagnosis.flip_force else "give --flip-force"
         text = (
             "cannot tell: the fitted force drives the device away, and the motion does not show whether it does; "
             f"{way} if the log has the other sign of force"
         )
         return replace(diagnosis, conclusion=text, candidates=("sign",), decides=CAUSES["sign"].deciding_log)
-    if simple and away and not (alone and mass > 0):
+    if law.linear and away and not (alone and mass > 0):
         message = f"drives the device away from rest; allowed: {allowed_sign(flip_force=diagnosis.flip_force)}"
         raise InputError.of(f"{message}; otherwise the loop has a wrong sign", file=log.name, key="force")
     why = "the motor or the encoder is reversed"
@@ -400,7 +399,7 @@ def _of_sign(diagnosis: Diagnosis, law: FittedLaw, mass: float) -> Diagnosis | N
         return replace(
             diagnosis, verdict="named", cause="sign", candidates=("sign",), conclusion=text, remedies=remedies
         )
-    if mass > 0 or diagnosis.swing.sustained or not simple:
+    if mass > 0 or diagnosis.swing.sustained or not law.linear:
         return None
     text = f"cannot tell: a hand pushes the device away, or the force does: {why}"
     return replace(diagnosis, conclusion=text, candidates=("sign",), decides=CAUSES["sign"].deciding_log)

@@ -139,6 +139,7 @@ class FitTask:
 
     log: Log
     swing: Oscillation
+    law: FittedLaw
     seed: int
     """That of the draws."""
     stages: Stages
@@ -149,7 +150,7 @@ class FitTask:
         return replace(self, log=self.log.by_samples(), swing=replace(self.swing, first=first, last=last + 1))
 
 
-def fit_log(task: FitTask, design: IntendedLaw, law: FittedLaw) -> tuple[Log, list[PlantFit]]:
+def fit_log(task: FitTask, design: IntendedLaw) -> tuple[Log, list[PlantFit]]:
     """Return device and hand in every structure, likeliest first, and the log that they are fitted to.
 
     Where ticks are missed, the force was held, or the law ran and the log lost it: what explains the motion better.
@@ -160,29 +161,28 @@ def fit_log(task: FitTask, design: IntendedLaw, law: FittedLaw) -> tuple[Log, li
     fitted = []
     for log in logs:
         task = replace(task, log=log)
-        fits = fit_plants(task, design, law.lag)
-        if law.switch is not None and law.switch.by == "speed":
-            fits = beside_friction(fits, task, design, law.lag, law.switch.keep)
+        fits = fit_plants(task, design)
+        switch = task.law.switch
+        if switch is not None and switch.by == "speed":
+            fits = beside_friction(fits, task, design, switch.keep)
         fitted.append((log, fits))
     return min(fitted, key=lambda log_and_fits: log_and_fits[1][0].misfit)
 
 
-def fit_plants(task: FitTask, design: IntendedLaw, lag: float) -> list[PlantFit]:
+def fit_plants(task: FitTask, design: IntendedLaw) -> list[PlantFit]:
     """Return device and hand in every structure, likeliest first; with a resonance or stops where nothing else fits.
 
-    `lag` is that of the law, ticks. With a clock whose ticks are no samples the force is new after so many samples and
-    one more: device and hand are fitted to the samples.
+    With a clock whose ticks are no samples the force is new after so many samples and one more: device and hand are
+    fitted to the samples.
     """
-    log = task.log
+    log, lag = task.log, task.law.lag
     if log.even:
         return _fits(task, design, Grid(log.period_s, 1.0), lag)
     fits = _fits(task.by_samples(), design, Grid(log.sample_time_s, log.hold), lag * log.hold)
     return [fit.in_ticks(log) for fit in fits]
 
 
-def beside_friction(
-    fits: Sequence[PlantFit], task: FitTask, design: IntendedLaw, lag: float, kept: float
-) -> list[PlantFit]:
+def beside_friction(fits: Sequence[PlantFit], task: FitTask, design: IntendedLaw, kept: float) -> list[PlantFit]:
     """Return fits of a log whose force is switched by the speed, with the error that its friction gives the delay.
 
     What turns with the speed is friction, or a force that compensates it and comes late: the delay is as far off as it
@@ -195,7 +195,7 @@ def beside_friction(
     friction_n = design.device.coulomb_friction_n
     for factor in _FRICTIONS if friction_n else ():
         device = design.device.model_copy(update={"coulomb_friction_n": factor * friction_n})
-        all_fits += fit_plants(task, replace(design, device=device), lag)
+        all_fits += fit_plants(task, replace(design, device=device))
     most = _AS_LIKELY * min(fit.misfit for fit in all_fits)
     delays = [fit.best.delay for fit in all_fits if fit.misfit <= most]
 
@@ -233,8 +233,9 @@ def _fits(task: FitTask, design: IntendedLaw, grid: Grid, lag: float) -> list[Pl
         stages.begin("a resonance")
         resonant = structures_of(design, grid, lag, swing.frequency_hz, resonant=True)
         trials += [_begin(structure, windows, noise) for structure in resonant]
-    # A steady swing may be that of a hand or a table: what shakes a loop has no growth of its own.
-    if swing.kind == "limit cycle":
+    # A steady swing may be that of a hand or a table: what shakes a loop has no growth of its own. A law that is not
+    # linear swings steadily by itself although its linear part is stable, and its first harmonic is such a sine.
+    if swing.kind == "limit cycle" and task.law.linear:
         stages.begin("a shaking from outside")
         trials.append(_begin(shaken_structure(design, grid, lag, swing.frequency_hz), windows, noise))
     refinement = _Refinement(windows, _levels(trials, windows, noise), noise, scatter, task.seed)

@@ -188,6 +188,11 @@ class FittedLaw:
         coarse = min(_GRAIN * self.grain, _COARSE) if self.stiffness_n_per_m > 0 else 0.0
         return self.misfit < max(_EXPLAINS, coarse)
 
+    @property
+    def linear(self) -> bool:
+        """Whether no sign switches its force, and it has no parts of two rates."""
+        return self.switch is None and self.frames is None
+
     def overcompensates(self, friction_n: float) -> bool:
         """Return whether a force with the speed is more than the friction of a device, and so feeds a swing."""
         return self.switch is not None and self.switch.by == "speed" and -self.switch.force_n > friction_n
