@@ -3,17 +3,18 @@
 nice python tests/benchmarks/swings.py --count 100 --write
 
 Each log is of a loop that rests in the simulator below, which shares no code with the project: mass 0.05 to 0.3 kg, 400
-to 4 000 N/m, 0.5 to 2 ms, delay 0.2 to 2 samples, one- or two-sided, a hand. Then one thing is changed and it swings:
-2 to 6 samples of delay, half or a third of the rate, k or b times 2 to 6, a hand that lets go, a relay with and without
-dead band, a spring or damper of every 8th to 24th tick, noise through the damper, k times 2 to 6 between travel stops.
-One kind is left as it is. A game has its own clock of 30 to 400 Hz, no multiple of the log's, reads at its ticks and
-acts one late; half of them have a dead zone. What comes to rest has dry friction and little damping, half with a dead
-zone: frequency and time of rest have to be told within 5 % and 20 samples. Friction is compensated by 1.2 to 1.8
-times as much behind 2 to 8 ms. A motor is reversed, with no hand on the device. A handle of 0.2 to 0.7 of the mass
-resonates at 40 to 250 Hz behind the motor, with the encoder on either side. A force from outside of 0.2 to 3 N shakes
-the device at 8 to 60 Hz: *cannot tell* and *not the loop* are right. A remedy that is told is made in the simulator; it
-has to leave less than a fifth of the swing, or two and a half encoder steps, and less than half of the force that noise
-makes: with the hand of the log, and with no hand on the device, where it is not told that the remedy rests while held.
+to 4 000 N/m, 0.5 to 2 ms, delay 0.2 to 2 samples, one- or two-sided, a hand. Then one thing is changed and it swings: 2
+to 6 samples of delay, half or a third of the rate, k or b times 2 to 6, a hand that lets go, a relay with and without
+dead band, a spring or damper of every 8th to 24th tick, k times 2 to 6 between travel stops, and noise through a damper
+with which the loop rests without that noise. One kind is left as it is. A game has its own clock of 30 to 400 Hz, no
+multiple of the log's, reads at its ticks and acts one late; half of them have a dead zone. What comes to rest has dry
+friction and little damping, half with a dead zone: frequency and time of rest have to be told within 5 % and 20
+samples. Friction is compensated by 1.2 to 1.8 times as much behind 2 to 8 ms. A motor is reversed, with no hand on the
+device. A handle of 0.2 to 0.7 of the mass resonates at 40 to 250 Hz behind the motor, with the encoder on either side.
+A force from outside of 0.2 to 3 N shakes the device at 8 to 60 Hz: *cannot tell* and *not the loop* are right. A remedy
+that is told is made in the simulator; it has to leave less than a fifth of the swing, or two and a half encoder steps,
+and less than half of the force that noise makes: with the hand of the log, and with no hand on the device, where it is
+not told that the remedy rests while held.
 """
 
 from __future__ import annotations
@@ -279,6 +280,13 @@ def prepared(random: np.random.Generator, loop: Loop, kind: str) -> Loop:
     return replace(loop, dead=dead) if kind == "game" else loop
 
 
+def resting(loop: Loop, wrong: Loop, kind: str) -> Loop:
+    """Return the loop that has to rest: as meant, what is compensated without friction, what is noisy without noise."""
+    if kind == "compensation":
+        return replace(loop, friction=0.0)
+    return replace(wrong, noise=0.0) if kind == "noise" else loop
+
+
 def case(kind: str, seed: int, number: int) -> tuple[Loop, Loop, Columns]:
     """Draw until a loop rests and the changed one swings; returns both, and the log."""
     random = np.random.default_rng([seed, number])
@@ -286,8 +294,7 @@ def case(kind: str, seed: int, number: int) -> tuple[Loop, Loop, Columns]:
         loops = [healthy(random) for _ in range(24)]
         loops = [prepared(random, loop, kind) for loop in loops]
         wrongs = [changed(random, loop, kind) for loop in loops]
-        # What is compensated rests without its friction too: it needs none.
-        meant = [replace(loop, friction=0.0) if kind == "compensation" else loop for loop in loops]
+        meant = [resting(loop, wrong, kind) for loop, wrong in zip(loops, wrongs, strict=True)]
         seen, force = played([*meant, *wrongs])
         (_, rest), (middle, late), (_, ripple) = sizes(seen[:, :24]), sizes(seen[:, 24:]), sizes(force[:, 24:])
         for i, (loop, wrong) in enumerate(zip(loops, wrongs, strict=True)):
