@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
+from scipy import ndimage
 
 from avc_casadi.diagnose.law import FittedLaw
 from avc_casadi.diagnose.oscillation import Log, Oscillation
@@ -18,14 +21,17 @@ OTHER = "other"
 _LATE_TICKS = 0.35
 """Ticks beyond the declared delay from which on a loop is late."""
 
-_SMALL_SHARE = 0.15
-"""Share of the swing below which a motion is small beside it."""
-
 _NO_MOTION_M = 1e-12
 """Motion that stands for none, so that its logarithm is finite."""
 
 _FELL_LN = 3.0
-"""ln of the ratio by which a small motion fell below one that grows as the swing does, from which on it had rested."""
+"""ln of the ratio by which a motion fell below one that grows as the swing does, from which on it had rested."""
+
+_GREW_LN = math.log(3.0)
+"""ln of the ratio by which it then grew."""
+
+_GROWTH_SHARE = 0.5
+"""Share of the growth of the loop that this growth has at least; at a limit a motion keeps its size or creeps."""
 
 
 def cause_of(hypothesis: Hypothesis, law: FittedLaw, log: Log, swing: Oscillation, design: IntendedLaw) -> str:
@@ -70,14 +76,19 @@ def _had_rest(log: Log, swing: Oscillation, growth_per_s: float) -> bool:
     """Return whether the device rested in contact before it swung, so that the loop is stable with some hand.
 
     s(t) is the peak-to-peak motion in contact over one cycle of the swing. A loop that is unstable all the time has
-    s(t) = s_0 e^(g t) with its growth g, and ln s(t) - g t is constant. The device has rested where this level fell by
-    more than `_FELL_LN` below an earlier one, while s is small beside the swing.
+    s(t) = s_0 e^(g t) with its growth g, until a limit of the force holds s, and ln s(t) - g t falls. The device has
+    rested where this level fell by more than `_FELL_LN`, and s then grew by `_GREW_LN` as that of a loop that no limit
+    holds.
     """
     ticks_of_cycle = min(max(round(1 / swing.frequency_hz / log.period_s), 2), log.position_m.size)
     motion_m = np.ptp(np.lib.stride_tricks.sliding_window_view(log.position_m, ticks_of_cycle), axis=1)
-    ticks = np.flatnonzero(log.touching[: motion_m.size])
-    motion_m = motion_m[ticks]
-    level = np.log(np.maximum(motion_m, log.encoder_m + _NO_MOTION_M)) - growth_per_s * log.period_s * ticks
-    fell_by = np.maximum.accumulate(level) - level
-    small = motion_m < _SMALL_SHARE * swing.peak_to_peak_m
-    return bool(fell_by[small].max(initial=0.0) > _FELL_LN)
+    motion_ln = np.log(np.maximum(motion_m, log.encoder_m + _NO_MOTION_M))
+    growth_a_tick = growth_per_s * log.period_s
+    touching = log.touching[: motion_m.size]
+    ticks = np.flatnonzero(touching)
+    level = motion_ln[ticks] - growth_a_tick * ticks
+    fell = np.maximum.accumulate(level) - level > _FELL_LN
+    ahead = min(math.ceil(_GREW_LN / (_GROWTH_SHARE * growth_a_tick)), motion_m.size - 1) + 1
+    largest_ahead = ndimage.maximum_filter1d(np.where(touching, motion_ln, -np.inf), ahead, origin=-(ahead // 2))
+    grew = largest_ahead[ticks] - motion_ln[ticks] > _GREW_LN
+    return bool(np.any(fell & grew))

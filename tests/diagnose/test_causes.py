@@ -267,6 +267,16 @@ def test_a_hand_never_there_has_not_let_go_and_remedies_rest_released_or_say_so(
         assert len(gains) > 2 or np.ptp(log_of(*gains.values(), last).position_m[-400:]) < 1e-4
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("ticks", [700, 1000])
+def test_a_hand_that_lets_go_while_the_device_still_moves_has_let_go(ticks):
+    """The motion falls by e^3 beside one that grows, but not below a seventh of what it grows to in so short a log."""
+    hand = lambda tick, x, v: (500 * (2e-3 - x) - 10 * v) * (tick < 150)  # noqa: E731
+    loop = {"mass": 0.2, "damping": 0.8, "friction": 0.02, "delay": 1, "start": 4e-3, "ticks": ticks}
+    found = diagnose(held_log(lambda _, z, u: -3500 * z - 3.5 * u, **loop, outside=hand), device=LINEAR)
+    assert found.cause == "let-go", found.conclusion
+
+
 def integral(gain):
     summed = [0.0]
 
