@@ -85,9 +85,11 @@ _NEAR_BY_MOST = 8
 """About as many such hypotheses are simulated."""
 
 _BESIDE_STOPS = frozenset({"delay", "let-go", "encoder"})
-"""Causes for which travel stops that are not declared may stand: the fit beside them is no proof."""
+"""Causes that are not named beside travel stops that are not declared: the stops may explain the motion alone."""
+
 _BESIDE_RESONANCE = _BESIDE_STOPS | {"stiffness", "damping"}
-"""Those for which a resonance may: of gains the limit of a loop without the resonance depends on an uncertain hand."""
+"""Causes that are not named beside a resonance that is not declared. Whether a gain is too large without the resonance
+depends on the hand, which the log shows too inaccurately."""
 
 _USUAL_STAGES = 9
 """Stages of a usual diagnosis: four structures, each fitted and refined; causes and remedies."""

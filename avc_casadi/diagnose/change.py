@@ -28,10 +28,10 @@ _FELL_LN = 3.0
 """ln of the ratio by which a motion fell below one that grows as the swing does, from which on it had rested."""
 
 _GREW_LN = math.log(3.0)
-"""ln of the ratio by which it then grew."""
+"""ln of the ratio by which the motion grew after its rest."""
 
 _GROWTH_SHARE = 0.5
-"""Share of the growth of the loop that this growth has at least; at a limit a motion keeps its size or creeps."""
+"""Least rate of that growth, as a share of the loop's own; at a limit of the force a motion grows more slowly."""
 
 
 def cause_of(hypothesis: Hypothesis, law: FittedLaw, log: Log, swing: Oscillation, design: IntendedLaw) -> str:

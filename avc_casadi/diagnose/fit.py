@@ -233,8 +233,8 @@ def _fits(task: FitTask, design: IntendedLaw, grid: Grid, lag: float) -> list[Pl
         stages.begin("a resonance")
         resonant = structures_of(design, grid, lag, swing.frequency_hz, resonant=True)
         trials += [_begin(structure, windows, noise) for structure in resonant]
-    # A steady swing may be that of a hand or a table: what shakes a loop has no growth of its own. A law that is not
-    # linear swings steadily by itself although its linear part is stable, and its first harmonic is such a sine.
+    # A hand or a table may shake a stable loop steadily. A law that is not linear swings steadily by itself although
+    # its linear part is stable, and the first harmonic of its force would be taken for such a shaking.
     if swing.kind == "limit cycle" and task.law.linear:
         stages.begin("a shaking from outside")
         trials.append(_begin(shaken_structure(design, grid, lag, swing.frequency_hz), windows, noise))

@@ -288,8 +288,8 @@ def structures_of(
 def shaken_structure(design: IntendedLaw, grid: Grid, lag: float, swing_hz: float) -> PlantStructure:
     """Return the structure of a held device that something outside shakes at the frequency of the swing.
 
-    A loop that swings by itself has harmonics where its force is limited or its wall is left, or it grows first; under
-    its logged force and a steady sine a device with the declared delay does not move as such a log shows.
+    A loop that swings by itself grows first, or has harmonics as its force is limited or its wall is left. Its motion
+    is not that of a device with the declared delay under the logged force and a steady sine.
     """
     punctual, _ = delays_of(design, grid, lag)
     unknowns = [punctual, *_held_unknowns(design), shake_unknown(swing_hz)]
