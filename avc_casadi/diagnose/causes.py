@@ -15,7 +15,7 @@ from avc_casadi._util.json_values import plain_table
 from avc_casadi._util.progress import SILENT, Progress, Stages
 from avc_casadi._util.text import number, plural
 from avc_casadi.coupling import Coupling
-from avc_casadi.diagnose.change import FEW_STEPS, OTHER, cause_of, late_alone, undeclared_mode, unknown_mechanics
+from avc_casadi.diagnose.change import OTHER, cause_of, late_alone, undeclared_mode, unknown_mechanics
 from avc_casadi.diagnose.fit import FitTask, PlantFit, fit_log
 from avc_casadi.diagnose.law import FittedLaw, find_law, is_cut_off
 from avc_casadi.diagnose.mass import apparent_mass_kg
@@ -435,7 +435,7 @@ def _judge(diagnosis: Diagnosis, law: FittedLaw, fits: Sequence[PlantFit]) -> Di
     doubts = _doubts(first, fit, law, scene, diagnosis, shares)
     if not swings:
         doubts.append("simulated with these numbers the loop does not swing as the log does")
-    outside = drives_from_outside(log, swing, law, fit.best) if swing.steps > FEW_STEPS else ""
+    outside = drives_from_outside(log, swing, law, fit.best)
     if outside:
         doubts = [outside] if fit.best.shake_hz is not None else [*doubts, outside]
     candidates: tuple[str, ...] = ()

@@ -409,20 +409,21 @@ def _coming_to_rest(log: Log) -> Oscillation | None:
 
 def _rest_from(log: Log) -> int | None:
     """Return the tick from which on the position stays to the end, and the force does not shake it; None without."""
-    position = log.position_m
-    force = log.force_n
-    n = log.position_m.size
+    position, n = log.position_m, log.position_m.size
     late = position[-max(round(_REST_SHARE * n), 5) :]
     travel, spread = float(np.ptp(position)), float(np.ptp(late))
-    if not travel or spread > max(_STILL_STEPS * log.encoder_m, _REST_RANGE * travel):
-        return None
     toggles = _STILL_STEPS * log.encoder_m
+    if not travel or spread > max(toggles, _REST_RANGE * travel):
+        return None
+    # The noise of a reading is white; a motion, however small, is not.
+    if spread > toggles and samples_alike(late) > LEAST_ALIKE:
+        return None
     # A reading that stays within a step has no motion left in it, so that a slow end of the motion counts as motion.
     still = toggles if spread <= toggles else max(_STILL_RANGE * travel, spread)
     moves = np.flatnonzero(np.abs(position - np.median(late)) > still)
     rest_from = int(moves[-1]) + 1 if moves.size else 0
-    frequency_sweep = float(np.ptp(force[rest_from:])) > _REST_FORCE * float(np.ptp(force))
-    return None if frequency_sweep or n - rest_from < late.size else rest_from
+    shaken = float(np.ptp(log.force_n[rest_from:])) > _REST_FORCE * float(np.ptp(log.force_n))
+    return None if shaken or n - rest_from < late.size else rest_from
 
 
 def samples_alike(residual: FloatArray) -> float:

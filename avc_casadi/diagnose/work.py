@@ -8,6 +8,7 @@ import math
 import numpy as np
 
 from avc_casadi._util.text import number
+from avc_casadi.diagnose.change import FEW_STEPS
 from avc_casadi.diagnose.law import FittedLaw
 from avc_casadi.diagnose.oscillation import Log, Oscillation
 from avc_casadi.diagnose.plant import Hypothesis, stable
@@ -25,10 +26,15 @@ _ALWAYS_TOUCHING = 0.999
 
 
 def drives_from_outside(log: Log, swing: Oscillation, law: FittedLaw, hypothesis: Hypothesis) -> str:
-    """Return why a hand, the table or a machine drives a swing of more than a few encoder steps; empty where not."""
+    """Return why a hand, the table or a machine drives a swing; empty where not.
+
+    Of a swing of a few encoder steps only a shaking that was fitted tells: the steps themselves may drive and bound it.
+    """
     if hypothesis.shake_hz is not None and stable(hypothesis, law):
         push = f"a steady push from outside at {number(hypothesis.shake_hz, 3)} Hz"
         return f"{push} explains the motion: a hand, the table or a machine shakes the device"
+    if swing.steps <= FEW_STEPS:
+        return ""
     if work_w(log, swing, hypothesis) < 0:
         return "the force as it acts takes energy from the swing: a hand, the table or a machine drives it"
     if swing.kind == "limit cycle" and not limited(log, swing, law, hypothesis):

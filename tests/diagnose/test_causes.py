@@ -228,6 +228,9 @@ LINEAR = Device(
     encoder_resolution_m=2e-5,
     max_force_n=8.0,
 )
+FILE_KEYS = {
+    "mass": "mass_kg", "friction": "coulomb_friction_n", "limit": "max_force_n", "step": "encoder_resolution_m",
+}  # fmt: skip
 
 
 @pytest.mark.slow
@@ -305,6 +308,23 @@ def test_what_is_shaken_from_outside_is_not_said_to_be_the_loop(hertz, size_n):
     log = held_log(law, mass=0.3, damping=0.8, friction=0.02, ticks=3000, delay=1, limit=50.0, outside=shakes)
     found = diagnose(log, device=LINEAR.model_copy(update={"max_force_n": 50.0}))
     assert (found.verdict, found.cause) == ("cannot tell", None), found.conclusion
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("hertz", "size_n", "travel"), [(50.0, 0.15, 0.02), (30.0, 0.06, 0.02), (20.0, 0.03, 0.05)])
+def test_a_shaking_of_few_encoder_steps_after_a_large_motion_is_neither_rest_nor_the_encoder(hertz, size_n, travel):
+    def shakes(tick, position, velocity):
+        push = size_n * np.sin(2 * np.pi * hertz * tick * 1e-3)
+        return 300 * (min(0.03 * tick * 1e-3, travel) - position) - velocity + push
+
+    law = lambda _, z, u: -max(2000 * z + 3 * u, 0.0) if z > 0 else 0.0  # noqa: E731
+    loop = {"mass": 0.3, "damping": 0.8, "friction": 0.0, "delay": 1, "limit": 50.0, "step": 2e-6}
+    log = held_log(law, **loop, ticks=3000, outside=shakes)
+    found = diagnose(log, device=LINEAR.model_copy(update={key: loop[name] for name, key in FILE_KEYS.items()}))
+    moved_m = np.ptp(log.position_m)
+    assert 2 * loop["step"] < np.ptp(log.position_m[-300:]) < 0.01 * moved_m
+    assert found.verdict == "cannot tell", found.conclusion
+    assert found.fit.best.shake_hz == pytest.approx(hertz, rel=1e-2)
 
 
 @pytest.mark.slow
