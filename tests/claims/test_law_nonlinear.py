@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 import pytest
+from quick import first
 from scipy.linalg import expm
 
 import avc_casadi as avc
@@ -92,6 +93,7 @@ def test_a_law_that_is_called_stable_never_swings_without_friction(seed):
         assert decays == found.stable
 
 
+@pytest.mark.slow
 def test_a_dead_zone_is_a_range_of_springs_from_none():
     """A negative damper that the spring alone holds back is not stable where the spring is dead."""
     hand = {"mass_kg": [0.1, 0.1], "damping_ns_per_m": [0.1, 0.1], "stiffness_n_per_m": [100.0, 100.0]}
@@ -158,7 +160,16 @@ def test_the_swing_that_friction_brings_to_rest_is_that_of_a_simulation(damping)
 
 @pytest.mark.parametrize(
     ("stiffness", "share", "rests"),
-    [(0.0, 0.8, True), (0.0, 0.95, True), (0.0, 1.05, False), (0.0, 1.5, False), (0.1, 0.95, True), (0.1, 1.5, False)],
+    first(
+        [
+            (0.0, 0.8, True),
+            (0.0, 0.95, True),
+            (0.0, 1.05, False),
+            (0.0, 1.5, False),
+            (0.1, 0.95, True),
+            (0.1, 1.5, False),
+        ]
+    ),
 )
 def test_a_drift_rests_where_the_compensation_is_below_the_friction(stiffness, share, rests):
     """Without a spring, or with a soft one, the growing pole is real: a push of any speed is brought to rest."""
@@ -174,6 +185,7 @@ def test_a_drift_rests_where_the_compensation_is_below_the_friction(stiffness, s
         assert (np.ptp(moved) < 1e-9) == rests
 
 
+@pytest.mark.slow
 def test_half_of_a_declared_friction_counts_where_no_range_is_declared():
     law = {"stiffness_n_per_m": 500.0}
     device = {"mass_kg": 0.075, "damping_ns_per_m": 0.06, "delay_samples": 0, "coulomb_friction_n": 0.04}

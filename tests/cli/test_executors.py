@@ -23,6 +23,7 @@ def deadly(_):
         os.kill(os.getpid(), signal.SIGKILL)
 
 
+@pytest.mark.slow
 def test_results_come_in_order():
     told = []
 

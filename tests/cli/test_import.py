@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from avc_process import command
+from quick import first
 
 import avc_casadi as avc
 import avc_hardware
@@ -74,7 +75,7 @@ def test_every_module_is_imported():
     assert json.loads(done.stdout) > 100
 
 
-@pytest.mark.parametrize("verb", ["accuracy", "monitor", "push", "run", "trial", "firmware"])
+@pytest.mark.parametrize("verb", first(["accuracy", "monitor", "push", "run", "trial", "firmware"]))
 def test_every_verb_is_parsed(verb):
     done = command(verb, "--help", program=HIDDEN + "from avc_casadi.cli import main\nsys.exit(main(sys.argv[1:]))\n")
     assert done.returncode == 0, done.stderr.decode()

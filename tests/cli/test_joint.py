@@ -5,6 +5,7 @@ import pathlib
 import re
 
 import pytest
+from quick import first
 
 from avc_casadi.cli import main
 
@@ -40,7 +41,9 @@ def quantities(row):
     return [(float(number), unit) for number, unit in re.findall(r"([\d.]+) (\S+2)", row)]
 
 
-@pytest.mark.parametrize(("kp", "kd"), [("100", "20"), ("500", "5"), ("1000", "4"), ("100", "4.5"), ("3000", "4")])
+@pytest.mark.parametrize(
+    ("kp", "kd"), first([("100", "20"), ("500", "5"), ("1000", "4"), ("100", "4.5"), ("3000", "4")])
+)
 def test_what_is_to_be_added_reaches_the_least_inertia_as_printed(kp, kd, tmp_path, capsys):
     file = tmp_path / "joint.toml"
     file.write_text('[simulation]\ntool_inertia_kgm2 = 0.0102\nstep_s = 0.005\nintegrator = "semi-implicit"\n')
@@ -95,6 +98,7 @@ def test_it_is_checked(joint, capsys):
     assert capsys.readouterr().out.endswith(f"next: avc recommend {joint}\n")
 
 
+@pytest.mark.slow
 def test_a_joint_without_a_damper_is_marginal_and_has_a_range_of_kd(joint, capsys):
     assert main(["certify", joint, "--kp", "50", "--json"]) == 1
     limits = json.loads(capsys.readouterr().out)["stable_at"]

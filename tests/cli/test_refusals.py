@@ -1,6 +1,7 @@
 """A coupling that may not go into a device, or that the firmware cannot run: exit code 1, and no bad input."""
 
 import pytest
+from quick import first
 
 import avc_casadi as avc
 import avc_hardware
@@ -17,18 +18,20 @@ def _folder(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize(
     "arguments",
-    [
-        ("push", "c.json", "--port", "emulator"),
-        ("push", "c.json", "--port", "emulator", "--unsafe"),  # does not settle there
-        ("stream", "c.json", "--port", "emulator"),
-        ("export", "c.json", "--c", "firmware"),
-        ("certify", "c.json"),
-    ],
+    first(
+        [
+            "push c.json --port emulator",
+            "push c.json --port emulator --unsafe",  # does not settle there
+            "stream c.json --port emulator",
+            "export c.json --c firmware",
+            "certify c.json",
+        ]
+    ),
 )
 def test_an_unstable_coupling_is_refused_by_every_verb_that_deploys(arguments):
     problem = avc.load_problem("figure5").changed(frequency={"points": 10})
     avc.write_coupling(Coupling.from_schedule(problem, avc.solve(problem, "direct")), "c.json")
-    assert main(list(arguments)) == 1
+    assert main(arguments.split()) == 1
 
 
 def test_an_export_replaces_an_export_and_no_file_of_anybody_else(tmp_path, capsys):

@@ -3,6 +3,7 @@
 import json
 
 import pytest
+from quick import first
 
 import avc_casadi as avc
 from avc_casadi._util.units import LINEAR, ROTARY
@@ -108,11 +109,13 @@ def test_gains_with_and_without_a_unit_are_the_same_law(capsys):
 
 @pytest.mark.parametrize(
     ("certify", "problem", "law"),
-    [
-        (avc.certify_law, "knob", {"k": 1.0, "b": 0.002, "remedies": False}),
-        (avc.certify_law, "knob", {"k": 0.2, "b": 0.004, "remedies": False}),
-        (avc.certify_admittance, "admittance/cobot", {"remedies": False, "limits": False}),
-    ],
+    first(
+        [
+            (avc.certify_law, "knob", {"k": 1.0, "b": 0.002, "remedies": False}),
+            (avc.certify_law, "knob", {"k": 0.2, "b": 0.004, "remedies": False}),
+            (avc.certify_admittance, "admittance/cobot", {"remedies": False, "limits": False}),
+        ]
+    ),
 )
 def test_deployable_is_what_its_row_says(certify, problem, law):
     judged = certify(problem, **law)
@@ -192,6 +195,7 @@ def test_an_option_replaces_the_value_that_it_names_and_no_other(option, typed, 
     assert judged_law(source, [f"--{option}={typed}"], capsys) == declared | replaced
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("_without_limits")
 def test_an_estimator_of_another_kind_replaces_the_whole_estimator(tmp_path, capsys):
     source = tmp_path / "law.toml"
@@ -287,14 +291,16 @@ def test_export_gives_the_mark_of_certify(k, tmp_path, capsys):
     assert exported.split()[0] == certified.split()[0]
 
 
-@pytest.mark.parametrize(("cutoff_hz", "doubted"), [(700, True), (500, True), (499, False), (80, False)])
+@pytest.mark.parametrize(("cutoff_hz", "doubted"), first([(700, True), (500, True), (499, False), (80, False)]))
 @pytest.mark.parametrize(
     ("law", "divider", "key"),
-    [
-        ("", 1, "cutoff_hz"),
-        ("[law]\nstiffness_n_per_m = 300.0\n", 1, "law.velocity.cutoff_hz"),
-        ("[law]\nstiffness_n_per_m = 300.0\nrate_divider = 2\n", 2, "law.velocity.cutoff_hz"),
-    ],
+    first(
+        [
+            ("", 1, "cutoff_hz"),
+            ("[law]\nstiffness_n_per_m = 300.0\n", 1, "law.velocity.cutoff_hz"),
+            ("[law]\nstiffness_n_per_m = 300.0\nrate_divider = 2\n", 2, "law.velocity.cutoff_hz"),
+        ]
+    ),
 )
 @pytest.mark.usefixtures("_without_limits")
 def test_a_cutoff_at_half_the_rate_or_above_is_a_caution(law, divider, key, cutoff_hz, doubted, tmp_path, capsys):
@@ -306,6 +312,7 @@ def test_a_cutoff_at_half_the_rate_or_above_is_a_caution(law, divider, key, cuto
     assert (f"{key} is {cutoff_hz / divider}, not below half the sample rate" in text) is doubted
 
 
+@pytest.mark.slow
 def test_a_typed_cutoff_of_an_admittance_law_above_half_the_rate_is_a_caution(capsys):
     for cutoff_hz, doubted in (("700", True), ("20", False)):
         main(["certify", "admittance/cobot", "--cutoff-hz", cutoff_hz])

@@ -216,6 +216,7 @@ def test_derivatives_are_those_of_finite_differences():
         assert slope == pytest.approx((largest[0] - largest[1]) / (2 * step), rel=2e-3)
 
 
+@pytest.mark.slow
 def test_no_small_change_of_a_law_is_better():
     """A local optimum: of 400 changes of L, in directions that change Phi alike, none lowers the merit notably."""
     found = answer()

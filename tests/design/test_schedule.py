@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from declared_device import growth
 from plain_schedule import perceived
+from quick import first
 from schedule_problems import changed, figure5
 
 from avc_casadi import solve
@@ -140,7 +141,7 @@ def stated_goal(problem, gains):
     return float(weight @ error**2), float(weight @ penalty)
 
 
-@pytest.mark.parametrize("objective", list(ERRORS))
+@pytest.mark.parametrize("objective", first(list(ERRORS)))
 @pytest.mark.parametrize("interaction", [(2.0, 20.0), (30.0, 300.0)])
 def test_errors_weigh_a_tenth_outside_interaction_and_contact_damping_costs_its_penalty(interaction, objective):
     problem = figure5(
@@ -206,7 +207,7 @@ def amount(reason, pattern):
 
 
 @pytest.mark.parametrize(
-    ("scope", "model"), [("pointwise", "sampled-data"), ("band", "sampled-data"), ("all", "paper")]
+    ("scope", "model"), first([("pointwise", "sampled-data"), ("band", "sampled-data"), ("all", "paper")])
 )
 def test_box_without_passive_gains(scope, model):
     problem = changed(
@@ -293,13 +294,15 @@ def test_without_smoothness_every_frequency_equals_direct(name, model):
 
 @pytest.mark.parametrize(
     "tables",
-    [
-        {"stability": {"scope": "band"}},
-        {"stability": {"scope": "band", "model": "sampled-data"}, "schedule": {"slope_limit": 1.0}},
-        {"stability": {"scope": "all"}},
-        {"realism": {"objective": "complex"}},
-        {"realism": {"objective": "perceptual"}, "schedule": {"interaction_hz": (2.0, 20.0)}},
-    ],
+    first(
+        [
+            {"stability": {"scope": "band"}},
+            {"stability": {"scope": "band", "model": "sampled-data"}, "schedule": {"slope_limit": 1.0}},
+            {"stability": {"scope": "all"}},
+            {"realism": {"objective": "complex"}},
+            {"realism": {"objective": "perceptual"}, "schedule": {"interaction_hz": (2.0, 20.0)}},
+        ]
+    ),
     ids=str,
 )
 def test_error_is_never_below_the_separate_optimum(tables):

@@ -32,7 +32,7 @@ def test_a_resonance_that_nobody_declared_is_found():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", ["rate", "let-go", "rates", "noise", "game", "reversed", "shaken"])
 def test_what_is_drawn_is_named_right_or_left_open_and_its_remedies_bring_rest(kind):
     loop, wrong, log = case(kind, 7204, KINDS.index(kind))
     found = diagnose(log, device=declared(loop, wrong))
@@ -59,8 +59,7 @@ def switched(k, b, c, band=0.0):
 
 @pytest.mark.parametrize(
     ("k", "b", "c", "mass", "period"),
-    [(1.2, 0.03, 0.7, 0.025, 5e-3), (2.0, 0.05, 0.5, 0.025, 5e-3),
-     (1.2, 0.03, 0.4, 0.025, 5e-3), (0.8, 0.02, 1.0, 0.03, 4e-3)],
+    [(2.0, 0.05, 0.5, 0.025, 5e-3), (0.8, 0.02, 1.0, 0.03, 4e-3)],
 )  # fmt: skip
 @pytest.mark.slow
 def test_a_relay_beside_spring_and_damper_swings_without_a_hand(k, b, c, mass, period):
@@ -78,8 +77,7 @@ def test_a_relay_beside_spring_and_damper_swings_without_a_hand(k, b, c, mass, p
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("k", "b", "c", "band", "mass", "period"),
-    first([(1.2, 0.05, 0.5, 5e-3, 0.05, 1 / 60), (1.2, 0.05, 0.8, 1e-2, 0.05, 1 / 60),
-                (2.0, 0.08, 0.5, 5e-3, 0.03, 1 / 100), (1.2, 0.05, 0.5, 5e-3, 0.08, 1 / 60)]),
+    [(1.2, 0.05, 0.8, 1e-2, 0.05, 1 / 60), (2.0, 0.08, 0.5, 5e-3, 0.03, 1 / 100)],
 )  # fmt: skip
 def test_a_minimum_force_with_a_dead_band_is_named_and_over_the_width_told_it_rests(k, b, c, band, mass, period):
     loop = {"mass": mass, "damping": 0.03, "friction": 0.03, "period": period, "delay": 1, "limit": 5.0}
@@ -152,7 +150,7 @@ def test_a_damper_is_told_with_an_interval_that_holds_it(counts, b):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("k", "travel", "seconds"),
-    first([(25.0, 0.35, 0.81), (25.0, 0.35, 0.9), (25.0, 0.35, 1.4), (25.0, 0.35, 6.0), (40.0, 0.3, 6.0)]),
+    [(25.0, 0.35, 0.81), (25.0, 0.35, 1.4), (40.0, 0.3, 6.0)],
 )
 def test_travel_stops_are_no_hand_and_no_delay_and_a_stiffness_told_rests(k, travel, seconds):
     loop = {"mass": 0.06, "damping": 0.02, "friction": 0.02, "period": 0.01, "delay": 2, "limit": 9.0, "start": 0.1}
@@ -177,7 +175,7 @@ def assert_rests_softer(found, loop, travel):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("k", "travel", "radius", "seconds"),
-    [(25.0, 0.35, 0.1, 0.81), (25.0, 0.35, 0.3, 3.0), (40.0, 0.25, 0.1, 3.0), (40.0, 0.3, 0.1, 3.0)],
+    [(25.0, 0.35, 0.1, 0.81), (25.0, 0.35, 0.3, 3.0), (40.0, 0.25, 0.1, 3.0)],
 )
 def test_a_device_that_is_not_given_may_be_far_heavier_than_the_assumed_one(k, travel, radius, seconds):
     loop = {"mass": 0.06, "damping": 0.02, "friction": 0.02, "period": 0.01, "delay": 2, "limit": 9.0, "start": 0.1}
@@ -191,7 +189,7 @@ def test_a_device_that_is_not_given_may_be_far_heavier_than_the_assumed_one(k, t
 @pytest.mark.parametrize("declared", [True, False, None])
 @pytest.mark.parametrize(
     ("k", "b", "counts", "period"),
-    first([(3.0, 0.12, 0.7, 2e-3), (3.0, 0.2, 0.7, 2e-3), (1.0, 0.12, 0.5, 1e-3), (3.0, 0.12, 5.0, 2e-3)]),
+    [(3.0, 0.2, 0.7, 2e-3), (1.0, 0.12, 0.5, 1e-3), (3.0, 0.12, 5.0, 2e-3)],
 )
 def test_noise_through_the_damper_is_named_and_the_damper_of_the_remedy_halves_it(k, b, counts, period, declared):
     """Noise that is declared, that is not, and of a device that is not given."""
@@ -209,7 +207,7 @@ def test_noise_through_the_damper_is_named_and_the_damper_of_the_remedy_halves_i
         assert np.std(quiet.force_n[-500:]) < 0.6 * np.std(log.force_n[-500:])
 
 
-@pytest.mark.parametrize(("sign", "size"), [(1, 0.06), (-1, 0.035)])
+@pytest.mark.parametrize(("sign", "size"), first([(1, 0.06), (-1, 0.035)]))
 def test_a_motor_that_turns_freely_under_a_constant_torque_is_no_swing(sign, size):
     log = held_log(
         lambda tick, _, __: sign * (size + 0.005 * np.sin(tick / 40)),
@@ -290,7 +288,7 @@ def integral(gain):
     return held_log(law, mass=0.2, damping=0.8, friction=0.02, ticks=3000, delay=1, start=3e-3)
 
 
-@pytest.mark.parametrize("gain", [2500.0, 6000.0])
+@pytest.mark.parametrize("gain", first([2500.0, 6000.0]))
 def test_a_force_that_is_no_spring_and_damper_is_never_nothing_wrong(gain):
     found = diagnose(integral(gain), device=LINEAR)
     assert (found.verdict, found.remedies) == ("cannot tell", ())

@@ -62,7 +62,6 @@ def against_the_speed(keep):
     ("law", "rest_m", "step"),
     [
         (on_one_side, -2 / 150, 5e-6),
-        (on_one_side, -2 / 150, 3.8e-5),
         (on_one_side, -2 / 150, 2e-4),
         (on_one_side_without_the_edge, -2 / 150, STEP),
         (to_both_sides, 0.0, STEP),
@@ -78,7 +77,7 @@ def test_a_relay_without_a_spring_is_named(law, rest_m, step):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("force_noise_n", "noise_m"), [(0.05, 0.0), (0.1, 0.0), (0.0, 2e-5)])
+@pytest.mark.parametrize(("force_noise_n", "noise_m"), [(0.1, 0.0), (0.0, 2e-5)])
 def test_noise_of_the_force_or_of_the_position_leaves_a_relay_named(force_noise_n, noise_m):
     log = pressed(on_one_side, rest_m=-2 / 150, noise=noise_m)
     noise_n = force_noise_n * np.random.default_rng(1).standard_normal(log.force_n.size)

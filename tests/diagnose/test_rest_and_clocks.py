@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from held_device import held_log
+from quick import first
 
 from avc_casadi.diagnose.causes import diagnose
 from avc_casadi.diagnose.clock import clock_of
@@ -76,8 +77,8 @@ def test_a_swing_that_grows_until_the_force_is_cut_does_not_come_to_rest_by_itse
     assert diagnose(log, device=device_of(loop | {"delay": 1})).verdict != "nothing wrong"
 
 
-@pytest.mark.parametrize("hertz", [60.0, 72.3, 144.0, 400.0, 30.7])
-@pytest.mark.parametrize("log_hz", [500.0, 1000.0, 2000.0])
+@pytest.mark.parametrize("hertz", first([60.0, 72.3, 144.0, 400.0, 30.7]))
+@pytest.mark.parametrize("log_hz", first([500.0, 1000.0, 2000.0]))
 def test_rate_and_phase_of_a_law_are_told_by_where_its_force_changes(hertz, log_hz):
     samples, period = round(1.5 * log_hz), log_hz / hertz
     position = np.sin(2 * np.pi * 2.3 * np.arange(samples) / log_hz)
@@ -125,7 +126,7 @@ RUBS = WHEEL | {"mass": 0.03, "friction": 0.4, "delay": 2, "limit": 8.0}
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("size", "width", "filter_s"), [(0.6, 0.02, 3e-3), (0.6, 0.02, 0.0)])
+@pytest.mark.parametrize(("size", "width", "filter_s"), [(0.6, 0.02, 3e-3)])
 def test_friction_compensated_behind_a_filter_is_named_and_the_interval_of_the_delay_holds_it(size, width, filter_s):
     log = held_log(compensated(size, width, filter_s), **RUBS, ticks=3000, start=0.15, rotary=True)
     found = diagnose(log, device=device_of(RUBS))

@@ -147,6 +147,7 @@ def test_so_do_calls_of_python(call, tmp_path):
             call(problem)
 
 
+@pytest.mark.slow
 def test_check_and_certify_know_it(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     tmp_path.joinpath("arm.toml").write_text(ARM, encoding="utf-8")
@@ -277,6 +278,7 @@ def test_verbs_that_do_not_know_force_feedback_refuse_it(command, tmp_path, monk
         avc.certify_force_feedback("admittance/cobot")
 
 
+@pytest.mark.slow
 def test_check_and_certify_know_force_feedback(tmp_path, monkeypatch, capsys):
     rail(tmp_path)
     monkeypatch.chdir(tmp_path)

@@ -45,6 +45,7 @@ def test_every_call_of_hands_refuses_them_and_all_other_counts_at_once(hands):
         assert {fault.key for fault in caught.value.faults} == {"hands", "seed"}
 
 
+@pytest.mark.slow
 def test_whole_numbers_of_numpy_are_whole():
     table = avc.solve("soft", "exact")
     found = avc.certify("soft", table, draws=np.int64(2), seed=np.uint32(3))

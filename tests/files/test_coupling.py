@@ -121,6 +121,7 @@ def test_a_file_of_which_a_part_was_changed_is_refused(key, change, tmp_path):
     assert key in [fault.key for fault in caught.value.faults]
 
 
+@pytest.mark.slow
 def test_constant_gains_are_one_row_and_long_tables_no_more_than_a_device_holds():
     rows = np.array([[f, 2.0, 300.0, 4.0] for f in np.geomspace(1, 400, 264)])
     one = thinned(GainTable(rows))

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from quick import first
 
 import avc_casadi
 import avc_casadi as avc
@@ -153,7 +154,7 @@ SHEETS = {
 }
 
 
-@pytest.mark.parametrize("sheet", SHEETS)
+@pytest.mark.parametrize("sheet", first(SHEETS, 2))
 def test_a_sheet_in_the_words_of_its_vendor_is_a_file_in_si_units(sheet, tmp_path, capsys):
     words, mass, force, step = SHEETS[sheet]
     turns = ["--radius", "20 mm"] if "--inertia" in words else []
@@ -230,7 +231,7 @@ def written(folder, text):
     return avc.load_problem(folder / "p.toml").device
 
 
-@pytest.mark.parametrize(("seed", "tilt"), [(0, 0), (1, 90), (2, 35)])
+@pytest.mark.parametrize(("seed", "tilt"), first([(0, 0), (1, 90), (2, 35)]))
 def test_the_range_holds_every_pose_and_normal_and_little_more(seed, tilt, tmp_path):
     link = arm(seed)
     device = written(tmp_path, CHAIN.format(tilt=tilt, **LIMITS, **link))
@@ -253,7 +254,7 @@ def test_the_range_holds_every_pose_and_normal_and_little_more(seed, tilt, tmp_p
     assert 0.9 * lost.min() < device.damping_ns_per_m <= lost[:1000].min()
 
 
-@pytest.mark.parametrize("name", ["shoulder", "elbow"])
+@pytest.mark.parametrize("name", first(["shoulder", "elbow"]))
 def test_a_joint_has_the_inertia_of_every_pose_and_little_more(name, tmp_path, capsys):
     """M_ii where the other joint stands still, 1/(M^-1)_ii where it yields, with the armature in both."""
     link, armature = arm(3), 2e-4

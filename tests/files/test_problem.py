@@ -249,6 +249,7 @@ KEYS = [*avc.Problem.model_fields, "motion", "mass_kg", "range", "values_hz", "s
 KEYS += ["handle_radius_m", "encoder_counts_per_turn", "inertia_kgm2", "damping_ns_per_m", "stiffness_n_per_m"]
 
 
+@pytest.mark.slow
 @given(
     st.dictionaries(
         st.sampled_from(sorted(avc.Problem.model_fields)),

@@ -105,6 +105,7 @@ def same(linear, rotary, power, radius, rel=1e-12):
     )
 
 
+@pytest.mark.slow
 @settings(max_examples=3, deadline=None, phases=[Phase.explicit, Phase.reuse, Phase.generate])
 @given(device=DEVICES, wall=WALLS, power=st.integers(-5, 1))
 def test_design_and_certificate_are_those_of_the_handle(device, wall, power):

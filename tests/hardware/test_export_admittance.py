@@ -168,8 +168,8 @@ def test_a_hand_that_meets_the_stiffest_contact_at_a_metre_a_second_is_believed_
     assert np.abs(given - expected).max() <= 1e-12 * np.abs(expected).max()
 
 
-@pytest.mark.parametrize("count", [2, 3, 10])
-@pytest.mark.parametrize("force", [40.0, 150.0, -199.0])
+@pytest.mark.parametrize("count", first([2, 3, 10]))
+@pytest.mark.parametrize("force", first([40.0, 150.0, -199.0]))
 def test_bad_readings_in_a_row_move_no_further_than_the_header_says(count, force):
     problem = avc.load_admittance("admittance/cobot")
     bounds = FaultBounds.of(problem, problem.law.admittance)
@@ -219,7 +219,7 @@ def test_noise_on_steps_is_not_taken_for_a_stuck_sensor():
     assert velocities[2000:].min() > 0.5 * 4.0 / problem.law.admittance.damping_ns_per_m
 
 
-@pytest.mark.parametrize("name", ["admittance/cobot", "admittance/pedal"])
+@pytest.mark.parametrize("name", first(["admittance/cobot", "admittance/pedal"]))
 def test_random_faults_never_exceed_the_limit_and_end(name):
     problem = avc.load_admittance(name)
     random = np.random.default_rng(7)

@@ -10,6 +10,7 @@ from exported_bench import ran
 from exported_law import MORE_WARNINGS, positions, rounding_n, sanitized, simulated
 from faulty_sensor import FaultySensor
 from hardware_bench import export_c
+from quick import first
 from stated_law import drawn_law
 
 import avc_casadi as avc
@@ -56,7 +57,7 @@ SLOW = {"kind": "low-pass", "cutoff_hz": 0.5, "order": 2}
 NOTCH = {"kind": "notch", "frequency_hz": 0.5, "depth": 0.1, "width": 0.5}
 
 
-@pytest.mark.parametrize("item", [SLOW, NOTCH, {"kind": "low-pass", "cutoff_hz": 0.05}])
+@pytest.mark.parametrize("item", first([SLOW, NOTCH, {"kind": "low-pass", "cutoff_hz": 0.05}]))
 def test_filters_that_are_slow_beside_the_sample_rate_keep_their_digits(item):
     tables = drawn_law(0)
     tables["law"] = {"stiffness_n_per_m": 500.0, "filters": [item]}
@@ -125,6 +126,7 @@ def test_noise_of_any_kind_is_finite_and_limited():
             assert np.abs(forces).max() <= 8.0
 
 
+@pytest.mark.slow
 def test_what_is_not_deployable_is_refused(tmp_path, capsys):
     stiff = load_any({"device": DEVICE, "law": {**LAW, "stiffness_n_per_m": 1e6, "friction_compensation": None}})
     with pytest.raises(avc.NotDeployableError, match=r"\[law\]: not deployable: unstable"):

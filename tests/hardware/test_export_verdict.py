@@ -1,6 +1,7 @@
 """The header of every exported C says for which hands and which margin its verdict is, in the units of the device."""
 
 import pytest
+from quick import first
 
 import avc_casadi as avc
 from avc_casadi.claims.judged_for import JudgedFor
@@ -70,18 +71,20 @@ def test_the_header_says_for_which_hands_and_margin_the_verdict_is(exported, jud
 
 @pytest.mark.parametrize(
     ("name", "hands", "contacts"),
-    [
-        (
-            "admittance/cobot",
-            "hands of 500 g to 2.00 kg, 10.0 N.s/m to 40.0 N.s/m, 100 N/m to 1.00 kN/m",
-            "contacts of 0 N/m to 5.00 kN/m, 5.00 N.s/m",
-        ),
-        (
-            "admittance/pedal",
-            "hands of 500 g to 3.00 kg, 30.0 N.s/m to 150 N.s/m, 500 N/m to 10.0 kN/m",
-            "without contact",
-        ),
-    ],
+    first(
+        [
+            (
+                "admittance/cobot",
+                "hands of 500 g to 2.00 kg, 10.0 N.s/m to 40.0 N.s/m, 100 N/m to 1.00 kN/m",
+                "contacts of 0 N/m to 5.00 kN/m, 5.00 N.s/m",
+            ),
+            (
+                "admittance/pedal",
+                "hands of 500 g to 3.00 kg, 30.0 N.s/m to 150 N.s/m, 500 N/m to 10.0 kN/m",
+                "without contact",
+            ),
+        ]
+    ),
 )
 def test_the_header_of_an_admittance_law_says_for_which_hands_and_contacts_it_is(name, hands, contacts):
     header = " ".join(admittance_files(avc.load_admittance(name))["avc_coupling.h"].replace("\n * ", " ").split())

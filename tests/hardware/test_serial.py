@@ -87,6 +87,7 @@ def excitation(ticks: int) -> Plan:
     return dataclasses.replace(planned(), metres_per_count=2e-6, ticks=ticks)
 
 
+@pytest.mark.slow
 def test_excitation_over_a_serial_port(bench: Bench) -> None:
     log = excite(excitation(800), bench.port)
     assert log.whole

@@ -136,7 +136,6 @@ def host(board: str, built: Path, estimator: str = "fused") -> HostCore:
 @pytest.mark.parametrize(
     ("board", "estimator", "cc"),
     [
-        ("1 ms", "fused", "gcc"),
         ("0.25 ms", "fused", "clang"),
         ("2 ms", "zero-crossing", "gcc"),
         ("1 ms", "adaptive-notch", "clang"),

@@ -100,6 +100,7 @@ def test_every_module_has_a_room():
     assert homeless <= {"avc_casadi.present"}
 
 
+@pytest.mark.slow
 def test_no_arrow_points_up():
     upward = [
         f"{name}:{line} -> {target}"
@@ -128,6 +129,7 @@ GONE = re.compile(
 )
 
 
+@pytest.mark.slow
 def test_help_pages_and_messages_name_nothing_that_went():
     rooms = [path for room in ("avc_casadi", "hardware", "problems") for path in (ROOT / room).rglob("*.*")]
     read = [

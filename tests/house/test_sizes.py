@@ -3,11 +3,14 @@
 import ast
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parents[2]
 MOST_LINES_OF_A_FUNCTION, MOST_LINES_OF_A_FILE = 60, 600
 FILES = [path for top in ("avc_casadi", "hardware") for path in sorted((ROOT / top).rglob("*.py"))]
 
 
+@pytest.mark.slow
 def test_no_function_is_longer_than_a_screen():
     long = []
     for path in FILES:

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from drawn_problems import drawn_problem, walled
+from quick import first
 from reference_optimum import MP, NUMBERS, damped_error, series_error
 
 import avc_casadi as avc
@@ -42,7 +43,7 @@ def test_series_optimum_is_that_of_50_digits(seed):
 SERIES = [problem for problem in map(avc.load_problem, walled()) if problem.coupling.structure == "series"]
 
 
-@pytest.mark.parametrize("problem", SERIES[::4], ids=lambda problem: problem.name)
+@pytest.mark.parametrize("problem", first(SERIES[::4]), ids=lambda problem: problem.name)
 def test_catalogue_optimum_is_that_of_50_digits(problem):
     rows = np.unique(np.linspace(0, len(problem.frequencies_hz()) - 1, 12).astype(int))
     agrees(problem, series_error, rows)

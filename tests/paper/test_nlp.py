@@ -5,6 +5,7 @@ import re
 import numpy as np
 import pytest
 from drawn_problems import drawn_problem
+from quick import first
 
 import avc_casadi as avc
 from avc_casadi.design.methods import solve
@@ -46,7 +47,7 @@ def test_what_nlpsol_minimises_is_11_and_its_constraint_12(name):
             assert abs(float(values["g"]) - inside) <= (1e-12 + lost) * terms
 
 
-@pytest.mark.parametrize("name", ["figure5", "damped", "ve5"])
+@pytest.mark.parametrize("name", first(["figure5", "damped", "ve5"]))
 def test_the_optimum_passes_and_a_wrong_gain_is_caught(name):
     problem = avc.load_problem(name)
     loop = loop_at(problem, problem.frequencies_hz())

@@ -8,6 +8,7 @@ import pytest
 from hardware_bench import believer
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from quick import first
 
 import avc_casadi as avc
 from avc_casadi.claims.prove.disc import Disc, Moving, hold, rotation
@@ -100,7 +101,7 @@ def test_turns_and_holds_are_enclosed_with_their_rates(low, width, share):
                 assert abs(complex(disc.centre[0]) - value) <= disc.radius[0] + 1e-11
 
 
-@pytest.mark.parametrize("name", DEVICES)
+@pytest.mark.parametrize("name", first(DEVICES, 3))
 def test_the_folded_spectrum_is_the_discretisation(name):
     """At points and over cells, with the terms that are left out."""
     device = device_of(DEVICES[name])

@@ -50,7 +50,7 @@ def told_and_found(coupling):
     return told, pushed_outside(coupling, depth_m)
 
 
-@pytest.mark.parametrize("name", DEVICES)
+@pytest.mark.parametrize("name", first(DEVICES))
 def test_an_observer_pushes_outside_as_its_exported_c_does(name):
     told, (outside_m, lasting_s, force_n) = told_and_found(observed(problem(name)))
     assert told.lasting_s > 2 * NOTICED_LATE_S
@@ -130,6 +130,7 @@ def test_dry_friction_has_no_part_in_it():
     assert leaving_contact(observed(rough)) == leaving_contact(observed(smooth))
 
 
+@pytest.mark.slow
 def test_the_row_stands_where_a_hand_notices_that_the_force_ends_late():
     soft = avc.load_problem("soft")
     found = judged_as_recommended(soft, Coupling.constant(soft, Gains(0.0, 1e8), "mine").schedule, hands=4)

@@ -42,7 +42,7 @@ def said(text: str, folder: Path, capsys: pytest.CaptureFixture[str], verb: str)
 
 @pytest.mark.parametrize(
     ("friction", "limit", "key"),
-    [(0.3, 0.5, "device.coulomb_friction_nm"), (0.0, 0.02, "device.max_torque_nm")],
+    first([(0.3, 0.5, "device.coulomb_friction_nm"), (0.0, 0.02, "device.max_torque_nm")]),
 )
 def test_check_and_recommend_refuse_a_knob_that_no_hand_presses_in_its_own_keys(
     friction: float, limit: float, key: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -61,6 +61,7 @@ def test_a_knob_that_hands_press_is_not_refused(tmp_path: Path, capsys: pytest.C
     assert "Not deployable" not in said(KNOB.format(friction=0.01, limit=0.3), tmp_path, capsys, "check")
 
 
+@pytest.mark.slow
 def test_gains_that_no_hand_presses_are_refused_for_rendering_nothing() -> None:
     problem = avc.load_problem("soft").changed(
         device={"coulomb_friction_n": 20.0, "max_force_n": 10.0}, environment={"stiffness_n_per_m": 500.0}
@@ -147,7 +148,7 @@ stiffness_n_per_m = [100.0, 1000.0]
 """
 
 
-@pytest.mark.parametrize(("noise", "most_damping"), [(150.0, 40.0), (0.2, 4e5)])
+@pytest.mark.parametrize(("noise", "most_damping"), first([(150.0, 40.0), (0.2, 4e5)]))
 def test_check_and_recommend_refuse_an_arm_that_noise_moves_or_a_hand_destabilises(
     noise: float, most_damping: float, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -24,9 +24,7 @@ def problem(simulation, device=DEVICE):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("mass", "ratio", "exchange"), [(0.2, 2, "on-time"), (0.05, 5, "late"), (1.0, 1, "ahead"), (0.2, 16, "on-time")]
-)
+@pytest.mark.parametrize(("mass", "ratio", "exchange"), [(0.05, 5, "late"), (1.0, 1, "ahead"), (0.2, 16, "on-time")])
 def test_recommended_coupling_settles_in_a_plain_simulation(mass, ratio, exchange):
     step = ratio * 1e-3
     stated = problem(f'tool_mass_kg = {mass}\nstep_s = {step!r}\nexchange = "{exchange}"')

