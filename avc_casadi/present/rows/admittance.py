@@ -252,16 +252,23 @@ def recommendation(result: AdmittanceRecommendation, shown: str = "", written: s
         least = _least(result.least_damping_ns_per_m, "damping")
         rows.append(row("Least damping", least, "with a sound margin, at the file's mass"))
     rows += [row("Would help", _better(better)) for better in result.helps]
-    onwards = [f"avc certify {quote(written)}"] if written else []
+    onwards = after_recommendation(shown, written, passed=result.passed)
     return Answer(
         kind="recommend-admittance",
         data=result.document(),
         title=parts(shown, device_line(problem.device)),
         rows=tuple(rows),
-        commands=(*onwards, f"avc zwidth {quote(written or shown)} --plot region.png"),
+        commands=(onwards, f"avc zwidth {quote(written or shown)} --plot region.png"),
         units=problem.units,
         complaint="" if result.passed else f"avc: {shown}: no law to run",
     )
+
+
+def after_recommendation(shown: str, written: str | None, *, passed: bool) -> str:
+    """Return what to type after `recommend`: judge the file that it wrote, write it, or look at the problem's."""
+    if written:
+        return f"avc certify {quote(written)}"
+    return f"avc recommend {quote(shown)} --out law.toml" if passed else f"avc certify {quote(shown)}"
 
 
 def drafted(new: NewAdmittance, shown: str) -> Answer:

@@ -129,17 +129,10 @@ def recommendation(result: ForceFeedbackRecommendation, shown: str = "", written
         data=result.document(),
         title=parts(shown, device_line(problem.device)),
         rows=tuple(rows),
-        commands=(_after_recommendation(result, shown, written),),
+        commands=(admittance.after_recommendation(shown, written, passed=result.passed),),
         units=problem.units,
         complaint="" if result.passed else f"avc: {shown}: no law to run",
     )
-
-
-def _after_recommendation(result: ForceFeedbackRecommendation, shown: str, written: str | None) -> str:
-    """Return what to type after `recommend`: judge the file that it wrote, write it, or look at the problem's."""
-    if written:
-        return f"avc certify {quote(written)}"
-    return f"avc recommend {quote(shown)} --out law.toml" if result.passed else f"avc certify {quote(shown)}"
 
 
 def _helps(larger: LargerGain, problem: ForceFeedbackProblem) -> tuple[Part, ...]:
