@@ -173,6 +173,7 @@ def test_pieces_are_typed_and_stand_in_a_file(tmp_path, capsys):
     assert main(["check", str(file)]) in (0, 1)
 
 
+@pytest.mark.slow
 def test_a_verb_that_does_not_use_a_law_says_so(tmp_path, capsys):
     file = tmp_path / "wall.toml"
     file.write_text(

@@ -20,6 +20,7 @@ def test_ours_is_the_published_condition(part):
         assert ours == pytest.approx(told, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_a_hand_gets_no_energy_of_a_passive_wall_and_some_beyond():
     for row in rows("passive"):
         assert row["damping_by_energy_ns_per_m"] == pytest.approx(published.LOSSY, rel=1e-4)

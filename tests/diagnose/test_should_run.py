@@ -79,6 +79,7 @@ def test_the_log_of_another_coupling_does_not(gains, wall, hold):
     assert found.runs is False
 
 
+@pytest.mark.slow
 def test_what_is_no_spring_and_damper_is_not_compared():
     made = coupling(DIRECT, "rigid")
     rows = np.array([[1.0, 1.0, 1e3, 0.0], [10.0, 2.0, 2e3, 0.0]])

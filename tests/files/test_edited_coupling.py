@@ -65,6 +65,7 @@ def another(value):
     return not value if isinstance(value, bool) else 1.01 * value + 1e-9
 
 
+@pytest.mark.slow
 @OF_ANY
 def test_every_value_that_is_changed_and_still_read_is_an_edit(made, tmp_path):
     text = coupling_text(made, extra=[1.0])

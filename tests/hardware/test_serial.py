@@ -96,6 +96,7 @@ def test_excitation_over_a_serial_port(bench: Bench) -> None:
     assert np.abs(log.force_n).max() > 0.5
 
 
+@pytest.mark.slow
 def test_interrupt_of_an_excitation_stops_the_device_first(bench: Bench) -> None:
     before = signal.getsignal(signal.SIGINT)
     signal.signal(signal.SIGINT, signal.default_int_handler)

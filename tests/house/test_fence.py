@@ -3,9 +3,11 @@
 import ast
 import re
 
+import pytest
 from mutate import ROOT, drawn, faults
 
 
+@pytest.mark.slow
 def test_mutants_are_code_and_repeat_from_a_seed():
     found = list(drawn(["avc_casadi/paper"], 40, "one"))
     assert found == list(drawn(["avc_casadi/paper"], 40, "one")) != list(drawn(["avc_casadi/paper"], 40, "two"))

@@ -110,6 +110,7 @@ def test_no_arrow_points_up():
     assert not upward
 
 
+@pytest.mark.slow
 def test_no_imports_form_a_circle():
     """Late imports and those for annotations count too; the package itself names everything at first use."""
     below = {name: {target for source, target, _ in arrows() if source == name} for name in MODULES}

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from measured_device import Truth, measured, multisine
+from quick import first
 from scipy import signal
 
 from avc_casadi.identification.fit import Block, Fit, bootstrap, cross_validation
@@ -37,7 +38,7 @@ def predictor():
     return Predictor([Record("simulated", 1e-3, position, force)])
 
 
-@pytest.mark.parametrize("delay", np.linspace(1.01, 1.99, 8))
+@pytest.mark.parametrize("delay", first(np.linspace(1.01, 1.99, 8), 3))
 def test_slopes_hold_wherever_in_a_sample_the_force_arrives(predictor, delay):
     """Where one of the times at which friction looks at the velocity leaves the sample, all of them changed places."""
     structure = ModelStructure(MODELS[-1], {})
