@@ -1,5 +1,6 @@
 """Ends of stable intervals: a value that is typed as it is printed is stable, and an end at 0 says what 0 is."""
 
+import itertools
 import math
 
 import pytest
@@ -29,8 +30,9 @@ def judged(law, late, drag):
     return avc.certify_law(avc.parse_problem(DEVICE.format(late=late, drag=drag) + law))
 
 
-@pytest.mark.parametrize("law", first(LAWS[::-1], 2))
-@pytest.mark.parametrize(("late", "drag"), [(0, 0.0), pytest.param(1, 0.3, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    ("law", "late", "drag"), first(zip(LAWS[::-1], itertools.cycle((0, 1)), itertools.cycle((0.0, 0.3))), 2)
+)
 def test_each_end_is_a_value_with_which_the_law_is_stable(law, late, drag):
     result = judged(law, late, drag)
     problem = result.problem

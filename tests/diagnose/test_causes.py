@@ -150,7 +150,7 @@ def test_a_damper_is_told_with_an_interval_that_holds_it(counts, b):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("k", "travel", "seconds"),
-    [(25.0, 0.35, 0.81), (25.0, 0.35, 1.4), (40.0, 0.3, 6.0)],
+    [(25.0, 0.35, 0.81), (40.0, 0.3, 6.0)],
 )
 def test_travel_stops_are_no_hand_and_no_delay_and_a_stiffness_told_rests(k, travel, seconds):
     loop = {"mass": 0.06, "damping": 0.02, "friction": 0.02, "period": 0.01, "delay": 2, "limit": 9.0, "start": 0.1}
@@ -175,7 +175,7 @@ def assert_rests_softer(found, loop, travel):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("k", "travel", "radius", "seconds"),
-    [(25.0, 0.35, 0.1, 0.81), (25.0, 0.35, 0.3, 3.0), (40.0, 0.25, 0.1, 3.0)],
+    [(25.0, 0.35, 0.1, 0.81), (40.0, 0.25, 0.1, 3.0)],
 )
 def test_a_device_that_is_not_given_may_be_far_heavier_than_the_assumed_one(k, travel, radius, seconds):
     loop = {"mass": 0.06, "damping": 0.02, "friction": 0.02, "period": 0.01, "delay": 2, "limit": 9.0, "start": 0.1}
@@ -186,10 +186,9 @@ def test_a_device_that_is_not_given_may_be_far_heavier_than_the_assumed_one(k, t
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("declared", [True, False, None])
 @pytest.mark.parametrize(
-    ("k", "b", "counts", "period"),
-    [(3.0, 0.2, 0.7, 2e-3), (1.0, 0.12, 0.5, 1e-3), (3.0, 0.12, 5.0, 2e-3)],
+    ("declared", "k", "b", "counts", "period"),
+    [(True, 3.0, 0.2, 0.7, 2e-3), (False, 1.0, 0.12, 0.5, 1e-3), (None, 3.0, 0.12, 5.0, 2e-3)],
 )
 def test_noise_through_the_damper_is_named_and_the_damper_of_the_remedy_halves_it(k, b, counts, period, declared):
     """Noise that is declared, that is not, and of a device that is not given."""
@@ -296,7 +295,7 @@ def test_a_force_that_is_no_spring_and_damper_is_never_nothing_wrong(gain):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("hertz", "size_n"), [(60.0, 1.5), (30.0, 1.0), (15.0, 0.3)])
+@pytest.mark.parametrize(("hertz", "size_n"), [(60.0, 1.5), (15.0, 0.3)])
 def test_what_is_shaken_from_outside_is_not_said_to_be_the_loop(hertz, size_n):
     def shakes(tick, position, velocity):
         push = size_n * np.sin(2 * np.pi * hertz * tick * 1e-3)

@@ -61,7 +61,6 @@ def against_the_speed(keep):
 @pytest.mark.parametrize(
     ("law", "rest_m", "step"),
     [
-        (on_one_side, -2 / 150, 5e-6),
         (on_one_side, -2 / 150, 2e-4),
         (on_one_side_without_the_edge, -2 / 150, STEP),
         (to_both_sides, 0.0, STEP),

@@ -137,7 +137,7 @@ def test_a_contact_inside_refutes_what_some_contacts_pass():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("delay_s", [5e-3, 3e-3])
+@pytest.mark.parametrize("delay_s", [3e-3])
 def test_no_contact_inside_breaks_a_teleoperator(delay_s):
     stated = teleoperator(delay_s)
     limit = CouplingSearch(FollowerLoops(stated), Scale.of(stated, 2 * delay_s)).stiffest()
