@@ -142,7 +142,7 @@ def certify_force_feedback(
     def interval(number: LawNumber) -> Interval | None:
         return limits.interval(number, NumberLaws(table, number, lambda changed: [changed.law(period)]))
 
-    numbers = [number for number in judged_law.numbers(period) if number.path != judged_law.gain_number.path]
+    numbers = judged_law.numbers(period, stated.lightest_kg)
     certificate = ForceFeedbackCertificate(
         cases=tuple(analysis.case(judged_law, side) for side in analysis.family.sides),
         stiffest_contact_n_per_m=analysis.stiffest_contact_n_per_m(judged_law),
@@ -151,7 +151,7 @@ def certify_force_feedback(
         problem=stated,
         law=judged_law,
         gain_range=interval(judged_law.gain_number),
-        intervals={number.key: interval(number) for number in numbers},
+        intervals={number.key: interval(number) for number in numbers if number.path != judged_law.gain_number.path},
         apparent_mass_kg=stated.apparent_mass_kg,
         ideal_limit=IdealLimit.of(stated),
         noise_n=command_noise_n(stated, judged_law),

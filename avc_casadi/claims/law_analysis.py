@@ -105,6 +105,7 @@ class LawAnalysis:
         self.family = PlantFamily.of(problem)
         self.device = problem.device
         self.period = problem.device.sample_time_s
+        self.lightest_kg = problem.lightest_kg
         if problem.device.mass_kg + float(np.min(self.family.held.mass_kg)) == 0:
             raise UnsupportedError(
                 "device.mass_kg and the mass of the lightest hand are 0; one of them must be above 0",

@@ -87,7 +87,7 @@ def law_region(problem: AnyProblem, over: str, progress: Progress = SILENT) -> L
         raise UnsupportedError(
             f"{named} has no table [law], but --over names a number of [law]; state your controller", key="law"
         )
-    numbers = law.numbers(period_s)
+    numbers = law.numbers(period_s, stated.lightest_kg)
     first = _named(numbers, over, stated)
     second = next((number for number in numbers if number.linear and number.path != first.path), None)
     if second is None:

@@ -331,7 +331,7 @@ def _number_limits(
     limits = LawLimits(analysis.family, laws)
     of_numbers: dict[str, Interval | None] = {}
     if isinstance(law, ControlLaw):
-        for number in law.numbers(analysis.device.sample_time_s):
+        for number in law.numbers(analysis.period, analysis.lightest_kg):
             stages.begin("limits of its numbers")
             laws_of = NumberLaws(law, number, lambda table: acting_with(table).all)
             of_numbers[number.key] = limits.interval(number, laws_of)

@@ -19,6 +19,8 @@ from avc_casadi.model.law import FRICTION_COMPENSATION, INTEGRAL_LIMIT, SPRING_D
 
 LARGEST_COMPENSATION = 0.5
 """Loop gain at half the sample rate up to which a negative virtual mass is allowed: a gain margin of 6 dB there."""
+# Share by which a gain at that bound may exceed it: what a value loses that is printed and read.
+_ROUNDING = 1e-9
 _MOST_FILTERS = 16
 # Longest timeout of the time between steps, in samples: its linear claim is a window of twice as many.
 _MOST_TICKS = 128
@@ -311,7 +313,7 @@ class ControlLaw(t.Table):
             allowed = f"up to device.max_force_n, {t.shown(device.max_force_n)}"
             yield ("friction_compensation", "force_n"), f"is {t.shown(compensation.force_n)}; allowed: {allowed}"
         gain = self.compensation_gain(device.sample_time_s, lightest_kg)
-        if gain > LARGEST_COMPENSATION:
+        if gain > LARGEST_COMPENSATION * (1 + _ROUNDING):
             value = t.shown(self.virtual_mass_kg)
             why = f"a loop gain of {gain:.3g} at half the sample rate with a mass of {q.plain(lightest_kg)}"
             allowed = (
@@ -359,12 +361,21 @@ class ControlLaw(t.Table):
         """
         if self.virtual_mass_kg >= 0:
             return 0.0
+        gain_per_kg = self._compensation_gain_per_kg(sample_time_s, lightest_kg)
+        return -self.virtual_mass_kg * gain_per_kg
+
+    def lowest_virtual_mass_kg(self, sample_time_s: float, lightest_kg: float) -> float:
+        """Return the negative virtual mass whose compensation gain is the largest that a file may state."""
+        gain_per_kg = self._compensation_gain_per_kg(sample_time_s, lightest_kg)
+        return -LARGEST_COMPENSATION / gain_per_kg if gain_per_kg else -math.inf
+
+    def _compensation_gain_per_kg(self, sample_time_s: float, lightest_kg: float) -> float:
         half_rate = np.array(-1.0 + 0j)
         period = self.period_s(sample_time_s)
         growth = self.velocity.piece.growth(period).transfer(half_rate)
         filters = p.compiled((p.Spring(1.0),), self.filter_pieces, period).transfer(half_rate)
         shape = float(abs(growth * filters)) / 2
-        return -self.virtual_mass_kg * shape / lightest_kg if lightest_kg else math.inf
+        return shape / lightest_kg if lightest_kg else math.inf
 
     @property
     def filter_pieces(self) -> tuple[p.Filter, ...]:
@@ -441,14 +452,16 @@ class ControlLaw(t.Table):
         usual = self.velocity.kind == "difference" or getattr(self.velocity, "order", 2) == 1
         return usual and self.is_linear and not more
 
-    def numbers(self, sample_time_s: float) -> list[LawNumber]:
-        """Return its numbers that are not 0, gains first; coefficients of a transfer function are none."""
-        signed = ("local_damping_ns_per_m", "virtual_mass_kg")
+    def numbers(self, sample_time_s: float, lightest_kg: float | None = None) -> list[LawNumber]:
+        """Return its numbers that are not 0, gains first; coefficients of a transfer function are none.
+
+        Without the lightest moving mass a negative virtual mass has no bound.
+        """
+        lowest = {"local_damping_ns_per_m": -math.inf, "virtual_mass_kg": -math.inf}
+        if lightest_kg is not None:
+            lowest["virtual_mass_kg"] = self.lowest_virtual_mass_kg(sample_time_s, lightest_kg)
         sole = sum(bool(getattr(self, key)) for key in _GAINS) == 1
-        gains = [
-            LawNumber((key,), getattr(self, key), -math.inf if key in signed else 0.0, linear=True, sole=sole)
-            for key in _GAINS
-        ]
+        gains = [LawNumber((key,), getattr(self, key), lowest.get(key, 0.0), linear=True, sole=sole) for key in _GAINS]
         if self.friction_compensation is not None:
             force_n = self.friction_compensation.force_n
             gains.append(LawNumber(("friction_compensation", "force_n"), force_n, linear=True))

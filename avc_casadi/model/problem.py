@@ -322,9 +322,7 @@ class Problem(t.Table):
             for path, message in joint_law_faults(self.law, end.engine):
                 yield ("law", *path), message
             return
-        masses = self.device.range.mass_kg or (self.device.mass_kg,)
-        lightest_kg = min(masses) or self.hands.mass_kg[0]
-        for path, message in self.law.faults_beside(self.device, lightest_kg):
+        for path, message in self.law.faults_beside(self.device, self.lightest_kg):
             yield ("law", *path), message
 
     def _below_nyquist(self) -> Iterator[t.Finding]:
@@ -364,6 +362,11 @@ class Problem(t.Table):
     def wall(self) -> Wall:
         """The wall in the device's own loop; without stiffness and damping where the problem states none."""
         return Wall(self.environment.damping_ns_per_m, self.environment.stiffness_n_per_m, self.detent)
+
+    @property
+    def lightest_kg(self) -> float:
+        """The least mass that moves: of the device, or else of the lightest hand."""
+        return min(self.device.range.mass_kg or (self.device.mass_kg,)) or self.hands.mass_kg[0]
 
     @property
     def law_in_wall(self) -> bool:

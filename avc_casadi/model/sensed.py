@@ -138,9 +138,9 @@ class SensedLaw(ControlLaw):
         """The gain as a number whose stable values are looked for; about 1 where there is none."""
         return LawNumber(_GAIN, self.gain or 1.0, linear=True)
 
-    def numbers(self, sample_time_s: float) -> list[LawNumber]:
+    def numbers(self, sample_time_s: float, lightest_kg: float | None = None) -> list[LawNumber]:
         """Return its numbers that are not 0, the gain of the force first."""
-        numbers = super().numbers(sample_time_s)
+        numbers = super().numbers(sample_time_s, lightest_kg)
         if self.force_feedback is None:
             return numbers
         cutoff_hz = self.force_feedback.cutoff_hz
@@ -171,8 +171,13 @@ class ForceFeedbackProblem(HandledProblem):
     def faults(self) -> Iterator[t.Finding]:
         """Yield what of the law the device cannot run or bear."""
         if self.law is not None:
-            lightest_kg = min(self.device.range.mass_kg or (self.device.mass_kg,))
-            yield from ((("law", *path), fault) for path, fault in self.law.faults_beside(self.device, lightest_kg))
+            faults = self.law.faults_beside(self.device, self.lightest_kg)
+            yield from ((("law", *path), fault) for path, fault in faults)
+
+    @property
+    def lightest_kg(self) -> float:
+        """The least mass of the device."""
+        return min(self.device.range.mass_kg or (self.device.mass_kg,))
 
     @property
     def apparent_mass_kg(self) -> float:

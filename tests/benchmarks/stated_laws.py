@@ -75,7 +75,7 @@ def judged(index: int) -> Counter[str]:
             agree = agree and (len(held) > 1 or case.margins.disk > min(margins) * (1 - MARGIN))
             count["margins that differ"] += not agree
     one_sided = walled and law.acts_outside
-    for number in law.numbers(period):
+    for number in law.numbers(period, problem.lightest_kg):
         interval = found.intervals[number.key]
         if interval is None or number.whole:
             continue

@@ -21,6 +21,7 @@ LAWS = [
     "damping_ns_per_m = 1.0\nlocal_damping_ns_per_m = 0.5\nfilters = [{kind = 'low-pass', cutoff_hz = 30.0}]",
     "damping_ns_per_m = 1e-3\nvelocity = {kind = 'window', samples = 3}",
     "local_damping_ns_per_m = 2.0\nfriction_compensation = {force_n = 0.01, velocity_m_per_s = 0.02}",
+    "virtual_mass_kg = -0.02\nstiffness_n_per_m = 500.0\ndamping_ns_per_m = 4.0",
     "damping_ns_per_m = 0.7",
     "stiffness_n_per_m = 150.0\ndamping_ns_per_m = 2.0",
 ]

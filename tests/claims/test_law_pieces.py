@@ -32,7 +32,7 @@ def test_radii_and_intervals_are_those_of_the_loop_written_out(seed):
             radius(problem.device, held, Controller(law, period, True), held == NOBODY) for held in (hand, NOBODY)
         )
         assert judged.free.spectral_radius == pytest.approx(free, abs=1e-9) or judged.free.stable == (free < 1)
-    for number in law.numbers(period):
+    for number in law.numbers(period, problem.lightest_kg):
         interval = judged.intervals[number.key]
         if interval is None or number.whole:
             continue
