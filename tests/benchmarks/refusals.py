@@ -244,7 +244,9 @@ def _command(problem: dict[str, dict[str, Any]], file: Path) -> list[str]:
     """Return the verb that uses a file, which is certify where the file has force feedback: its law is stated."""
     if "force_feedback" in problem.get("law", {}):
         return ["certify", str(file)]
-    return ["recommend", str(file), "--hands", "16"]
+    # Simulated hands choose no law for a joint or a force sensor.
+    simulates_hands = "device" in problem and "device.force_sensor" not in problem
+    return ["recommend", str(file), *(["--hands", "16"] if simulates_hands else [])]
 
 
 def _refused(answer: dict[str, Any] | None) -> bool:
