@@ -27,7 +27,7 @@ from avc_casadi.claims.law_points import (
     slopes_at,
     worst,
 )
-from avc_casadi.claims.stable_interval import Growth, searched_ends, stable_interval
+from avc_casadi.claims.stable_interval import Growth, sampled_values, searched_ends, stable_interval
 from avc_casadi.claims.stated_law import StatedSystem
 from avc_casadi.loops.loop import Body
 from avc_casadi.loops.plant_family import RADIUS_TOLERANCE
@@ -40,7 +40,8 @@ from avc_casadi.model.plant import SampledPlant
 LawsOf = Callable[[FloatArray], Sequence[Law]]
 """The laws that act, in contact and outside the wall, at m values of a number: each a `Law` of m."""
 
-# Plants that a scan looks at: those of the largest radii. The others are looked at where it ends.
+# Plants that a scan looks at: those of the largest radii at the value of a number, and the worst of other values over
+# its range. All plants are looked at where the scan ends.
 _PLANTS_OF_A_SCAN = 12
 # A loop with this radius is not stable: the same as in a verdict, so that an end of an interval has the verdict yes.
 _UNSTABLE_FROM = 1 - RADIUS_TOLERANCE
@@ -165,8 +166,8 @@ class LawLimits:
 
         `laws_of` gives the laws that act at values of the number. The ends are confirmed by searches of the ranges.
         """
-        radii = self._radii(laws_of(np.array([number.value])), slice(None))[:, 0]
-        self._chosen = np.argsort(radii)[-_PLANTS_OF_A_SCAN:]
+        radii = self._radii(laws_of(sampled_values(number)), slice(None))
+        self._chosen = np.union1d(np.argsort(radii[:, 0])[-_PLANTS_OF_A_SCAN:], radii.argmax(axis=0)).astype(np.intp)
         for _ in range(_SEARCHES):
             ends = stable_interval(number, partial(self._growth, laws_of), partial(self._deciding, laws_of))
             if ends is None or self._confirmed(laws_of, searched_ends(number, ends)):

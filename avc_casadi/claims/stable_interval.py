@@ -30,6 +30,8 @@ _REACH = 1e4
 _STEPS = 64
 _REACH_OF_GAINS = 1e12
 _FIRST_TOGETHER = 2
+# Every so many values of a scan all loops of a family are looked at: others may be unstable there than at the value.
+_SAMPLED = 8
 _MOST_TOGETHER = 16
 # An end is right to this share of the distance between a stable value and one that is not.
 _PRECISION = 1e-8
@@ -62,6 +64,12 @@ def _together(values: Sequence[float]) -> Iterator[Sequence[float]]:
     while first < len(values):
         yield values[first : first + count]
         first, count = first + count, min(2 * count, _MOST_TOGETHER)
+
+
+def sampled_values(number: LawNumber) -> FloatArray:
+    """Return the value of a number and others over its whole range, at which each loop of a family is looked at."""
+    below, above = (_scan(number, number.value, sign)[::_SAMPLED] for sign in (-1, 1))
+    return np.array([number.value, *below, *above])
 
 
 def searched_ends(number: LawNumber, ends: Interval) -> list[float]:

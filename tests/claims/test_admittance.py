@@ -1,6 +1,7 @@
 """Admittance devices: the loop against one that is written out a second time, limits, remedies, and what is refused."""
 
 import dataclasses
+import itertools
 import math
 
 import numpy as np
@@ -174,6 +175,28 @@ def test_the_worst_delay_of_a_range_is_that_of_a_second_program(side):
     delays = [dataclasses.replace(plain, late_samples=late) for late in np.linspace(1.0, 2.0, 21)]
     found = handle.worst_case(leading_poles(problem.law.admittance.law(problem.device.sample_time_s)))
     assert found.radius == pytest.approx(max(largest_pole(one) for one in delays), abs=1e-6)
+
+
+@pytest.mark.parametrize(("mass_kg", "damping"), first([(1.0, 300.0), (0.5, 600.0), (5.0, 150.0)]))
+def test_an_interval_is_the_same_from_afar_and_holds_no_unstable_value_of_a_second_program(mass_kg, damping):
+    """The loops that are unstable far from the values of a law are others than those that are the worst at them."""
+    law = {"admittance": {"mass_kg": mass_kg, "damping_ns_per_m": damping}}
+    problem = avc.load_admittance("admittance/cobot").changed(law=law)
+    certificate = avc.certify_admittance(problem, remedies=False)
+    assert certificate.stable
+    carried = [hand for side in HandleFamily.of(problem).sides for hand in itertools.product(*side.carried.values())]
+
+    def stable(**values):
+        changed = problem.changed(law={"admittance": values})
+        return all(largest_pole(PlainDevice.of(changed, *hand)) < 1 for hand in carried)
+
+    ranges = {"mass_kg": certificate.mass_range_kg, "damping_ns_per_m": certificate.damping_range_ns_per_m}
+    for key, ends in ranges.items():
+        low, high = max(ends[0], 1e-2), min(ends[1], 1e5)
+        for value in np.geomspace(1.001 * low, 0.999 * high, 12):
+            assert stable(**{key: value}), (key, ends, value)
+        for outside in (0.98 * ends[0], 1.02 * ends[1]):
+            assert not 1e-2 < outside < 1e5 or not stable(**{key: outside}), (key, ends)
 
 
 def test_below_the_least_damping_no_mass_is_stable_in_a_second_program():
