@@ -392,12 +392,22 @@ def _finite(value: float) -> float | None:
 
 
 def damping(cases: tuple[HandleCase, ...]) -> Row:
-    """Return the least damping ratio of any case."""
+    """Return the least damping ratio of swings that a law can damp, and that of the handle on its sensor if lower."""
+    of_law = min(cases, key=lambda case: case.law_damping_ratio)
     least = min(cases, key=lambda case: case.damping_ratio)
     if least.damping_ratio >= 1:
         return row("Damping ratio", "no oscillation")
-    hz = Value(least.damping_ratio_hz, "frequency")
-    return row("Damping ratio", Value(least.damping_ratio, "number", 2), "at", hz, f"({_HANDLES[least.handle]})")
+    swing = _swing(of_law.law_damping_ratio, of_law.law_damping_ratio_hz, of_law)
+    if least.damping_ratio == of_law.law_damping_ratio:
+        return row("Damping ratio", swing)
+    on_sensor = _swing(least.damping_ratio, least.damping_ratio_hz, least)
+    if of_law.law_damping_ratio >= 1:
+        swing = ("no oscillation of the law",)
+    return row("Damping ratio", swing, "; handle on its sensor", on_sensor)
+
+
+def _swing(ratio: float, frequency_hz: float, case: HandleCase) -> tuple[Part, ...]:
+    return parts(Value(ratio, "number", 2), "at", Value(frequency_hz, "frequency"), f"({_HANDLES[case.handle]})")
 
 
 def measured_change(key: str) -> tuple[str, Quantity]:
@@ -413,7 +423,7 @@ def damping_of(result: HandleVerdict, measured: Callable[[str], tuple[str, Quant
     ratio, hz = least.law_damping_ratio, least.law_damping_ratio_hz
     # A swing of ratio zeta, seen at w_d = w sqrt(1 - zeta^2), fades by exp(-zeta w t).
     decay_per_s = 2 * math.pi * hz * ratio / math.sqrt(1 - ratio**2)
-    swing = (Value(ratio, "number", 2), "at", Value(hz, "frequency"), f"({_HANDLES[least.handle]}), settles in")
+    swing = (*_swing(ratio, hz, least), ", settles in")
     remedy: tuple[Part, ...] = ()
     if result.damped_by is not None:
         remedy = ("no single change of law, device, delay or sensor by a factor of 30 damps this swing",)
