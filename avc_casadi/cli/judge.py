@@ -54,8 +54,9 @@ def run_certify(args: argparse.Namespace, console: Console) -> Answer:
     """
     from avc_casadi.claims.own_law import law_problem
     from avc_casadi.cli import admittance, ends
-    from avc_casadi.cli.law import law_pieces, read_numbers, states_law, with_pieces
+    from avc_casadi.cli.law import faults_of_file, law_pieces, read_numbers, states_law, with_pieces
     from avc_casadi.files.admittance_file import is_admittance
+    from avc_casadi.files.border import in_keys_of
 
     if is_admittance(args.problem):
         return admittance.certified(args, console)
@@ -75,7 +76,8 @@ def run_certify(args: argparse.Namespace, console: Console) -> Answer:
         pieces = law_pieces(args, problem)
         if pieces:
             problem = with_pieces(problem, pieces, law)
-        return ends.law_certified(problem.end, problem, law, args, console)
+        with in_keys_of(problem.units), faults_of_file(problem.name, args.problem):
+            return ends.law_certified(problem.end, problem, law, args, console)
     cli.refuse(args, "lean_on_friction", why="applies to your own gains, or to avc recommend; leave it out")
     problem, coupling, notes = cli.subject(args.problem, args.gains)
     if coupling is None:

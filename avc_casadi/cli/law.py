@@ -6,6 +6,7 @@ import argparse
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any
 
 import avc_casadi as avc
@@ -115,6 +116,16 @@ def faults_of_keys(options: Mapping[str, str]) -> Iterator[None]:
         yield
     except avc.InputError as error:
         raise avc.InputError([_of_option(fault, options) for fault in error.faults]) from error
+
+
+@contextmanager
+def faults_of_file(name: str, typed: str) -> Iterator[None]:
+    """Let faults of a problem, which are found inside and bear its name, name its file as typed."""
+    try:
+        yield
+    except avc.InputError as error:
+        faults = [replace(fault, file=typed) if fault.file == name else fault for fault in error.faults]
+        raise avc.InputError(faults) from error
 
 
 def _of_option(fault: avc.Fault, options: Mapping[str, str]) -> avc.Fault:
