@@ -27,7 +27,7 @@ from avc_casadi.claims.own_law import valid_law
 from avc_casadi.claims.zwidth import zwidth
 from avc_casadi.cli import arguments as cli
 from avc_casadi.cli.console import Console, output_folder, write_figure
-from avc_casadi.cli.law import TYPED, faults_of_keys, hertz
+from avc_casadi.cli.law import TYPED, faults_of_keys, hertz, number_named
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.pair_certificate import certify_pair
 from avc_casadi.design.registry import METHODS
@@ -288,7 +288,7 @@ def _trace(run: avc.Run, args: argparse.Namespace, console: Console) -> Path | N
 def region_of_law(problem: avc.Problem, args: argparse.Namespace, console: Console) -> Answer:
     """Return the answer of `zwidth --over`: the stable k of a stated law over another number."""
     with console.step(f"stable gains over {args.over}"), cli.faults_of("over"):
-        stable = law_region(problem, args.over, console)
+        stable = law_region(problem, number_named(args.over), console)
     write_figure(console, args.plot, lambda: avc.figures.draw_law_region(stable))
     return rows.law_region.law_region(stable, args.problem)
 

@@ -32,6 +32,16 @@ _NUMBERS = {
 _KEYS = {**_NUMBERS, "velocity": "velocity", "friction_compensation": "friction_compensation", "notch": "filters"}
 """Options that state a piece of a law, and its key."""
 
+_OF_JOINTS = {"kp": "stiffness_n_per_m", "kd": "damping_ns_per_m"}
+"""Names of the gains of a joint, and the key of each."""
+
+
+def number_named(typed: str) -> str:
+    """Return the key of a number of a law that is typed as its option, such as `ki`; any other text unchanged."""
+    name = typed.removeprefix("--").replace("-", "_")
+    return {**_NUMBERS, **_OF_JOINTS}.get(name, typed)
+
+
 FULL_SPEED_M_PER_S = 0.02
 """Speed at the handle from which a typed friction compensation pushes with all of its force, unless one is typed."""
 

@@ -145,7 +145,7 @@ def run_diagnose(args: argparse.Namespace, console: Console) -> Answer:
 
     The answer names the cause, the evidence, and a remedy that was tried in a simulation.
     Or the answer says that nothing is wrong, or, if the log cannot decide, which log would decide.
-    The logs are those that `avc identify` reads.
+    The logs are those that `avc identify` reads. Exit code 1 if some log cannot decide.
     """
     from avc_casadi.diagnose.causes import diagnose
     from avc_casadi.files.problem_file import is_device, load_any
@@ -164,6 +164,5 @@ def run_diagnose(args: argparse.Namespace, console: Console) -> Answer:
             load_any(args.device), f"the force of the log is fitted instead; {_JUDGES_LAW}"
         )
         answer = replace(answer, rows=(*answer.rows, *unused))
-    healthy = all(diagnosis.verdict == "nothing wrong" for diagnosis in diagnoses)
-    named = all(diagnosis.cause for diagnosis in diagnoses)
-    return replace(answer, code=0 if healthy or named else 1)
+    decided = all(diagnosis.cause or diagnosis.verdict == "nothing wrong" for diagnosis in diagnoses)
+    return replace(answer, code=0 if decided else 1)

@@ -463,7 +463,7 @@ def _judge(diagnosis: Diagnosis, law: FittedLaw, fits: Sequence[PlantFit]) -> Di
     )
     if not doubts:
         words = f"{CAUSES[first].name}: {cause_numbers(first, fit, law, log, diagnosis.swing, design)}"
-        words += "; travel stops limit the motion" if fit.best.stops is not None else ""
+        words += "; travel stops may limit the motion" if fit.best.stops is not None else ""
         return replace(diagnosis, verdict="named", cause=first, candidates=(first,), conclusion=words)
     names = " or ".join(CAUSES[key].name for key in candidates) or "none of the causes it knows"
     logs = [] if outside else [CAUSES[key].deciding_log for key in candidates]

@@ -488,7 +488,7 @@ def _changes(
         yield from _of_notch(hypothesis, law, scene, log.period_s)
     if cause == "encoder" and scene.encoder_m:
         for factor in _FINER:
-            finer = replace(scene, encoder_m=scene.encoder_m / factor, noise_m=scene.noise_m / factor)
+            finer = replace(scene, encoder_m=scene.encoder_m / factor)
             yield _Change(Remedy("encoder_resolution_m", finer.encoder_m, scene.encoder_m, "length"), law, finer)
 
 

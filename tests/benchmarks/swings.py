@@ -353,7 +353,6 @@ def mended(wrong: Loop, key: str, value: float) -> Loop:
     frames = replace(wrong, every=1, slow="")
     period = frames if wrong.slow else replace(wrong, period=value)
     period = replace(wrong, clock=value / wrong.period) if wrong.clock != 1 else period
-    finer = replace(wrong, step=value, noise=wrong.noise * value / wrong.step)
     return {
         "delay_samples": lambda: replace(wrong, delay=value),
         "sample_time_s": lambda: period,
@@ -361,7 +360,7 @@ def mended(wrong: Loop, key: str, value: float) -> Loop:
         "damping_ns_per_m": lambda: replace(wrong, b=value),
         "notch_hz": lambda: replace(wrong, notch_hz=value),
         "velocity_filter_hz": lambda: replace(wrong, keep=math.exp(-2 * math.pi * value * wrong.period)),
-        "encoder_resolution_m": lambda: finer,
+        "encoder_resolution_m": lambda: replace(wrong, step=value),
         "switch_width": lambda: replace(wrong, width=value),
         "switched_n": lambda: replace(wrong, compensated=value),
         "force_sign": lambda: replace(wrong, motor=1.0),

@@ -329,3 +329,37 @@ def test_check_names_a_filter_of_the_file_at_half_its_rate(tmp_path, capsys):
     text = " ".join(capsys.readouterr().out.split())
     assert "law.filters[1].cutoff_hz is 600.0, not below half the sample rate, 500 Hz" in text
     assert "filters[0]" not in text
+
+
+KNOB = """[device]
+motion = "rotary"
+inertia_kgm2 = 0.0002
+damping_nms_per_rad = 0.001
+delay_samples = 1
+handle_radius_m = 0.02
+[law]
+stiffness_nm_per_rad = 1.0
+damping_nms_per_rad = 0.01
+integral_nm_per_rad_s = 1.5
+"""
+
+
+def test_what_a_typed_gain_makes_wrong_in_a_file_names_the_file_and_its_keys(tmp_path, capsys):
+    knob = tmp_path / "knob.toml"
+    knob.write_text(KNOB, encoding="utf-8")
+    assert main(["certify", str(knob), "--k", "0", "--json"]) == 2
+    (fault,) = json.loads(capsys.readouterr().out)["errors"]
+    assert (fault["file"], fault["key"]) == (str(knob), "law.integral_nm_per_rad_s")
+    assert "stiffness_nm_per_rad" in fault["message"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("option", "key"), [("ki", "integral_n_per_m_s"), ("--kd", "damping_ns_per_m")])
+def test_the_name_of_an_option_is_one_of_its_number(option, key, tmp_path, capsys):
+    knob = tmp_path / "knob.toml"
+    knob.write_text(KNOB, encoding="utf-8")
+    documents = []
+    for named in (option, key):
+        assert main(["zwidth", str(knob), f"--over={named}", "--json"]) == 0
+        documents.append(json.loads(capsys.readouterr().out))
+    assert documents[0] == documents[1]

@@ -299,7 +299,8 @@ def _fitted_plant(result: Diagnosis, law: FittedLaw, fit: PlantFit) -> list[Row]
         interval = "to".join(f" {number(end, 3)} " for end in fit.resonance_hz).strip()
         rows.append(row("Resonance", Value(mode.frequency_hz, "frequency"), f"; {interval} Hz at 95 %, not declared"))
     if fit.best.stops:
-        rows.append(row("Stops", commas(Value(position, "length") for position in fit.best.stops)))
+        places = commas(Value(position, "length") for position in fit.best.stops)
+        rows.append(row("Stops", places, ", if the device has any: the fit leaves out the motion beyond them"))
     return rows
 
 
