@@ -67,9 +67,10 @@ def _together(values: Sequence[float]) -> Iterator[Sequence[float]]:
 
 
 def sampled_values(number: LawNumber) -> FloatArray:
-    """Return the value of a number and others over its whole range, at which each loop of a family is looked at."""
-    below, above = (_scan(number, number.value, sign)[::_SAMPLED] for sign in (-1, 1))
-    return np.array([number.value, *below, *above])
+    """Return the value of a number, its bounds and values between, at which each loop of a family is looked at."""
+    scans = [_scan(number, number.value, sign) for sign in (-1, 1)]
+    sampled = [value for scan in scans for value in (*scan[::_SAMPLED], *scan[-1:])]
+    return np.array([number.value, *sampled])
 
 
 def searched_ends(number: LawNumber, ends: Interval) -> list[float]:
