@@ -410,6 +410,19 @@ def least_ratio(problem):
     return min(ratios)
 
 
+@pytest.mark.slow
+def test_the_damping_ratio_that_a_remedy_promises_is_the_one_that_is_printed_then():
+    stated = avc.load_admittance("admittance/cobot").changed(law={"admittance": LIGHT})
+    damped = avc.certify_admittance(stated)
+    assert damped.rings
+    changes = [change for change in damped.damped_by if change.key == "damping_ns_per_m"]
+    assert changes
+    for change in changes:
+        again = avc.certify_admittance(stated, law=LIGHT | {change.key: change.value}, remedies=False)
+        row = next(row for row in rows.admittance.certificate(again).rows if row.label == "Damping ratio")
+        assert row.values[0].number == pytest.approx(change.damping_ratio, rel=1e-3)
+
+
 def test_a_law_that_swings_on_a_contact_is_a_caution_and_its_reason_says_so():
     light = avc.certify_admittance("admittance/cobot", law=LIGHT, remedies=False, limits=False)
     assert light.passed
