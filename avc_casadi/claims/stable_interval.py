@@ -30,9 +30,9 @@ _REACH = 1e4
 _STEPS = 64
 _REACH_OF_GAINS = 1e12
 _FIRST_TOGETHER = 2
+_MOST_TOGETHER = 16
 # Every so many values of a scan all loops of a family are looked at: others may be unstable there than at the value.
 _SAMPLED = 8
-_MOST_TOGETHER = 16
 # An end is right to this share of the distance between a stable value and one that is not.
 _PRECISION = 1e-8
 _BISECTIONS = 27

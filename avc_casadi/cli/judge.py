@@ -74,9 +74,9 @@ def run_certify(args: argparse.Namespace, console: Console) -> Answer:
         read_numbers(args, problem.units, problem.device.handle_radius_m)
         law = {key: getattr(args, key) for key in of_plain_law if getattr(args, key) is not None}
         pieces = law_pieces(args, problem)
-        if pieces:
-            problem = with_pieces(problem, pieces, law)
         with in_keys_of(problem.units), faults_of_file(problem.name, args.problem):
+            if pieces:
+                problem = with_pieces(problem, pieces, law)
             return ends.law_certified(problem.end, problem, law, args, console)
     cli.refuse(args, "lean_on_friction", why="applies to your own gains, or to avc recommend; leave it out")
     problem, coupling, notes = cli.subject(args.problem, args.gains)

@@ -12,7 +12,6 @@ from typing import Any
 import avc_casadi as avc
 from avc_casadi._util.units import Units
 from avc_casadi.cli import arguments as cli
-from avc_casadi.files.border import in_keys_of
 from avc_casadi.files.problem_file import is_device
 from avc_casadi.model.control_law import CommandFilter, NotchFilter
 from avc_casadi.model.ends import Wall
@@ -115,7 +114,7 @@ def with_pieces(problem: avc.Problem, pieces: dict[str, Any], law: dict[str, flo
     typed = {key: law[name] for name, key in TYPED.items() if name in law} if problem.law is None else {}
     keys = {**typed, **pieces}
     options = {key: option for option, key in _KEYS.items() if key in keys}
-    with in_keys_of(problem.units), faults_of_keys(options):
+    with faults_of_keys(options):
         return problem.changed(law=keys)
 
 

@@ -344,13 +344,20 @@ integral_nm_per_rad_s = 1.5
 """
 
 
-def test_what_a_typed_gain_makes_wrong_in_a_file_names_the_file_and_its_keys(tmp_path, capsys):
+@pytest.mark.parametrize(
+    ("option", "key", "needed"),
+    [
+        ("--k", "law.integral_nm_per_rad_s", "stiffness_nm_per_rad"),
+        ("--ki", "law.integral_limit_nm", "integral_nm_per_rad_s"),
+    ],
+)
+def test_what_a_typed_gain_makes_wrong_in_a_file_names_the_file_and_its_keys(option, key, needed, tmp_path, capsys):
     knob = tmp_path / "knob.toml"
-    knob.write_text(KNOB, encoding="utf-8")
-    assert main(["certify", str(knob), "--k", "0", "--json"]) == 2
+    knob.write_text(f"{KNOB}integral_limit_nm = 0.2\n", encoding="utf-8")
+    assert main(["certify", str(knob), option, "0", "--json"]) == 2
     (fault,) = json.loads(capsys.readouterr().out)["errors"]
-    assert (fault["file"], fault["key"]) == (str(knob), "law.integral_nm_per_rad_s")
-    assert "stiffness_nm_per_rad" in fault["message"]
+    assert (fault["file"], fault["key"]) == (str(knob), key)
+    assert needed in fault["message"]
 
 
 @pytest.mark.slow

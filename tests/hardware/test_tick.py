@@ -136,8 +136,10 @@ def host(board: str, built: Path, estimator: str = "fused") -> HostCore:
 @pytest.mark.parametrize(
     ("board", "estimator", "cc"),
     [
+        ("0.25 ms", "fused", "clang"),
         ("2 ms", "zero-crossing", "gcc"),
         ("1 ms", "adaptive-notch", "clang"),
+        ("1 ms", "spectral-peak", "gcc"),
     ],
 )
 def test_compiled_tick_gives_the_bits_of_the_expressions(board: str, estimator: str, cc: str) -> None:

@@ -253,9 +253,8 @@ def drawn_sums(problem, count):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("ratio", [0.002])
-def test_the_drawn_edge_has_a_sound_margin_in_loops_on_a_very_fine_grid(ratio):
-    problem = pressing_arm(ratio)
+def test_the_drawn_edge_has_a_sound_margin_in_loops_on_a_very_fine_grid():
+    problem = pressing_arm(0.002)
     region = avc.mass_width(problem)
     sums = drawn_sums(problem, 6)
     assert len(region.confirmed_rows) == 6
