@@ -17,12 +17,12 @@ import numpy as np
 from avc_casadi._errors import InputError
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray, Interval
 from avc_casadi._util.json_values import plain
+from avc_casadi._util.page import worded
 from avc_casadi._util.printed import Printed
 from avc_casadi._util.progress import SILENT, Progress, Stages
-from avc_casadi._util.text import quantity
 from avc_casadi.claims.contact_limit import ContactLimit
 from avc_casadi.claims.handle_port import HandlePassivity, passivity
-from avc_casadi.claims.law_limits import LawLimits, stacked
+from avc_casadi.claims.law_limits import BeyondLimit, LawLimits, LimitSide, stacked
 from avc_casadi.claims.sensor_motion import drift, velocity_noise
 from avc_casadi.claims.stated_law import AnyLaw
 from avc_casadi.files.admittance_file import AnyAdmittance, as_admittance, label_of
@@ -350,21 +350,18 @@ class AdmittanceCertificate(HandleVerdict):
         """Which number of an unstable law is beyond which limit."""
         if not self.limited:
             return f"it swings at {self.worst.frequency_hz:.3g} Hz"
-        unit = self.problem.units.unit
-        mass, damping = self.law.mass_kg, self.law.damping_ns_per_m
-        ranges = (
-            ("mass", mass, self.mass_range_kg, unit("kg"), "damping"),
-            ("damping", damping, self.damping_range_ns_per_m, unit("N.s/m"), "mass"),
-        )
-        for name, value, stable, symbol, kept in ranges:
-            if stable is None:
-                continue
-            is_low = value < stable[0]
-            limit = quantity(stable[0] if is_low else stable[1], symbol)
-            side = "least" if is_low else "largest"
-            beyond = f"is {'below' if is_low else 'above'} the {side} at this {kept}, {limit}"
-            return f"{name} {quantity(value, symbol)} {beyond}"
-        return "neither another mass at this damping nor another damping at this mass is stable"
+        return worded(self.beyond, self.problem.units)
+
+    @property
+    def beyond(self) -> BeyondLimit:
+        """The number of an unstable law that is beyond a limit: the mass first, then the damping."""
+        for key, value, stable in (
+            ("admittance.mass_kg", self.law.mass_kg, self.mass_range_kg),
+            ("admittance.damping_ns_per_m", self.law.damping_ns_per_m, self.damping_range_ns_per_m),
+        ):
+            if stable is not None:
+                return BeyondLimit.of(key, value, stable)
+        return BeyondLimit(LimitSide.NONE_STABLE)
 
     def __repr__(self) -> str:
         return f"AdmittanceCertificate({'deployable' if self.passed else 'not deployable'}: {self.reason})"

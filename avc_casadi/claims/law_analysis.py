@@ -217,17 +217,21 @@ class LawAnalysis:
         devices = [*self.family.devices, *(point.device for point in self.worst_points)]
         return stable_walls(devices, reduce(joined, hands), dampers_ns_per_m, (-law.pole(self.period), 0.0))
 
-    def largest_stiffness(self, law: SpringDamper) -> float:
-        """Return the largest stable k at the dampers of a law: the end of its own interval, or of the softest."""
+    def stiffness_range(self, law: SpringDamper) -> tuple[float, float] | None:
+        """Return the lowest and largest k at the dampers of a law, about its own or the softest; None without any."""
+        low, high = 0.0, 0.0
         for _ in range(_SEARCHES):
             walls = self._walls(law, np.array([law.damper_ns_per_m]))
-            low = walls.lowest_n_per_m[0]
-            high = walls.largest_n_per_m[0]
-            around_law = (low <= law.stiffness_n_per_m) & (law.stiffness_n_per_m <= high)
-            limit = float(np.nan_to_num(high[around_law][0] if around_law.any() else high[0]))
-            if not limit or self._confirm(replace(law, stiffness_n_per_m=limit * _JUST_BELOW)):
+            lowest, largest = walls.lowest_n_per_m[0], walls.largest_n_per_m[0]
+            around_law = (lowest <= law.stiffness_n_per_m) & (law.stiffness_n_per_m <= largest)
+            interval = int(around_law.argmax())
+            # An end is a value that is judged stable: just inside the edge.
+            low, high = (float(np.nan_to_num(ends[interval])) for ends in (lowest, largest))
+            low, high = max(low, 0.0) / _JUST_BELOW, high * _JUST_BELOW
+            ends = [replace(law, stiffness_n_per_m=k) for k in {low, high} if k]
+            if self._confirm(*ends):
                 break
-        return limit * _JUST_BELOW
+        return (low, high) if high else None
 
     def damping_range(self, law: SpringDamper) -> tuple[float, float] | None:
         """Return the lowest and the largest b at the k of a law, about its own or nearest to it; None without any."""

@@ -273,6 +273,12 @@ class BeyondLimit:
     value: float = math.nan
     limit: float = math.nan
 
+    @classmethod
+    def of(cls, key: str, value: float, stable: Interval) -> BeyondLimit:
+        """Return a number and the end of its stable interval that it is beyond."""
+        low, high = stable
+        return cls(LimitSide.BELOW, key, value, low) if value < low else cls(LimitSide.ABOVE, key, value, high)
+
 
 def nearest_limit(
     law: ControlLaw | StatedSystem, intervals: Mapping[str, Interval | None], sample_time_s: float
@@ -282,10 +288,7 @@ def nearest_limit(
     for number in law.numbers(sample_time_s):
         interval = intervals.get(number.key)
         if interval is not None:
-            low, high = interval
-            is_below = number.value < low
-            side, limit = (LimitSide.BELOW, low) if is_below else (LimitSide.ABOVE, high)
-            beyond.append(BeyondLimit(side, number.key, number.value, limit))
+            beyond.append(BeyondLimit.of(number.key, number.value, interval))
 
     def change(number: BeyondLimit) -> tuple[float, str]:
         return abs(number.value - number.limit) / abs(number.value), number.key

@@ -63,6 +63,7 @@ class LawCertificate(Printed):
     Attributes:
         released: without a hand; None where nothing has a mass then.
         free: b_p alone, outside the wall, the worse of held and released; None without b_p.
+        lowest_stiffness_n_per_m: from which k on the law is stable at this b, up to the largest.
         largest_stiffness_n_per_m: up to which k is stable at this b; 0 where none is. Not a number where limits were
             not looked for.
         damping_range_ns_per_m: lowest and largest b that are stable at this k; None where none is, or where limits
@@ -92,6 +93,7 @@ class LawCertificate(Printed):
     held: CaseResult
     released: CaseResult | None
     free: CaseResult | None
+    lowest_stiffness_n_per_m: float
     largest_stiffness_n_per_m: float
     damping_range_ns_per_m: tuple[float, float] | None
     largest_local_damping_ns_per_m: float | None
@@ -185,11 +187,9 @@ class LawCertificate(Printed):
         if self.damping_range_ns_per_m is None:
             return BeyondLimit(LimitSide.NONE_STABLE, "damping_ns_per_m")
         low, high = self.damping_range_ns_per_m
-        if b > high:
-            return BeyondLimit(LimitSide.ABOVE, "damping_ns_per_m", b, high)
-        if b < low:
-            return BeyondLimit(LimitSide.BELOW, "damping_ns_per_m", b, low)
-        return BeyondLimit(LimitSide.ABOVE, "stiffness_n_per_m", k, self.largest_stiffness_n_per_m)
+        if not low <= b <= high:
+            return BeyondLimit.of("damping_ns_per_m", b, (low, high))
+        return BeyondLimit.of("stiffness_n_per_m", k, (self.lowest_stiffness_n_per_m, self.largest_stiffness_n_per_m))
 
     def __repr__(self) -> str:
         return f"LawCertificate({'deployable' if self.passed else 'not deployable'}: {self.reason})"
@@ -311,6 +311,11 @@ class _NumberLimits:
     of_numbers: dict[str, Interval | None]
     of_factor: Interval | None
 
+    def lowest(self, key: str) -> float | None:
+        """Return the lowest stable value of a number; None where the law has none, or no value is stable."""
+        interval = self.of_numbers.get(key)
+        return None if interval is None else interval[0]
+
     def largest(self, key: str) -> float | None:
         """Return the largest stable value of a number; None where the law has none, or no value is stable."""
         interval = self.of_numbers.get(key)
@@ -371,6 +376,7 @@ def _certify_pieces(law: ControlLaw | StatedSystem, problem: Problem, how: _How,
         held=cases[0],
         released=cases[1] if len(cases) > 1 else None,
         free=_worst_of(free, slower) if free else None,
+        lowest_stiffness_n_per_m=(limits.lowest("stiffness_n_per_m") or 0.0) if how.limits else math.nan,
         largest_stiffness_n_per_m=(limits.largest("stiffness_n_per_m") or 0.0) if how.limits else math.nan,
         damping_range_ns_per_m=limits.of_numbers.get("damping_ns_per_m"),
         largest_local_damping_ns_per_m=limits.largest("local_damping_ns_per_m"),
@@ -445,13 +451,15 @@ def _certify_spring_damper(law: SpringDamper, stated: Problem, how: _How, *, rem
     if how.limits:
         stages.begin("limits of k and b")
     only_local = analysis.damping_range(SpringDamper(0.0, b_p)) if b_p and how.limits else None
+    springs = (analysis.stiffness_range(law) or (0.0, 0.0)) if how.limits else (math.nan, math.nan)
     certificate = LawCertificate(
         problem=stated,
         law=law,
         held=held,
         released=released[0] if released else None,
         free=min(outside, key=lambda case: (case.stable, case.margins.disk), default=None),
-        largest_stiffness_n_per_m=analysis.largest_stiffness(law) if how.limits else math.nan,
+        lowest_stiffness_n_per_m=springs[0],
+        largest_stiffness_n_per_m=springs[1],
         damping_range_ns_per_m=analysis.damping_range(law) if how.limits else None,
         largest_local_damping_ns_per_m=(only_local or (0.0, 0.0))[1] if b_p and how.limits else None,
         static_stiffness_n_per_m=stiffness_at_handle(device, law.stiffness_n_per_m),

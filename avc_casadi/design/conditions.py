@@ -172,7 +172,8 @@ class Decay(Condition):
 class PerturbedDecay(Condition):
     """v = (required - decay)/scale for every pole with perturbed plants: they are to be stable, no more.
 
-    The optimisation adds the plants at which a law is unstable, a few at a time (`program.Program.withstanding`).
+    The optimisation adds the plants at which a law is unstable, a few at a time
+    (`program.Program.stable_when_perturbed`).
     """
 
     plants: PlantMatrices

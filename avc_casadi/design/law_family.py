@@ -148,7 +148,7 @@ class LawFamily:
         self.problem = problem
         self.structure = structure
         self.held, released = PlantMatrices.held_and_released(PlantFamily.of(problem).sampled)
-        self.plants = self.held.and_those_of(released)
+        self.plants = self.held.joined_with(released)
         hz = self._grid_hz(_COARSE)
         self.z = np.exp(2j * np.pi * hz * problem.device.sample_time_s)
         self.response = self.plants.position_per_force(self.z)
@@ -166,7 +166,7 @@ class LawFamily:
         if not perturbed_devices(self.problem):
             return None
         held, released = PlantMatrices.held_and_released(perturbed_plants(self.problem))
-        return held.and_those_of(released)
+        return held.joined_with(released)
 
     def _grid_hz(self, density: int) -> FloatArray:
         """Return frequencies from 0.1 Hz to the Nyquist frequency itself, Hz, dense about resonances of the devices.

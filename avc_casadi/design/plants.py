@@ -38,7 +38,7 @@ class PlantMatrices:
     def __len__(self) -> int:
         return len(self.state)
 
-    def and_those_of(self, other: PlantMatrices) -> PlantMatrices:
+    def joined_with(self, other: PlantMatrices) -> PlantMatrices:
         """Return these plants, then those of another with the same states."""
         state = np.concatenate([self.state, other.state])
         return PlantMatrices(state, np.concatenate([self.force, other.force]), self.measured)

@@ -1,16 +1,18 @@
 """Observer laws of least impedance error: local optima of a fixed structure, from several starts.
 
 A law is an observer with state feedback. Its structure comes from a guess of model and feedback, and its gain L is free
-(`observer_law`). A trust region (`trust_region`) minimises over L the largest impedance error at the handle from 1 to
-30 Hz. The conditions (`conditions`), at every corner of the hands and the ranges, are
+(`observer_law`). The observer corrects its state by L times the innovation: measured minus predicted position. The
+steps of the encoder and the dead zone of the observer let only a share of the innovation pass. A trust region
+(`trust_region`) minimises over L the largest impedance error at the handle from 1 to 30 Hz. The conditions
+(`conditions`), at every combination of extreme values of the hands and the ranges (a corner), are
 
     DiskMargin, EncoderNoise    a disk margin, and a bound of the force of encoder noise
-    Decay                       a rate of decay where quantiser and dead zone pass a share of the innovation
+    Decay                       a rate of decay at each share of the innovation that passes
     DistanceFromZero            a distance of the same loops from 0
     ObserverPoles               a decay of the observer alone
-    ClipPhase                   stability at each lower gain of a clipped force
+    ClipPhase                   stability at each lower gain, as of a force that the device's limit clips
 
-`Program.withstanding` makes a law stable on perturbed devices too. The result is judged by exact eigenvalues
+`Program.stable_when_perturbed` makes a law stable on perturbed devices too. The result is judged by exact eigenvalues
 at all these corners. The certificate judges what lies inside the ranges (`claims.deployable`).
 """
 
@@ -103,7 +105,7 @@ class Program:
         )
         return nominal if self.perturbed is None else (*nominal, PerturbedDecay(self.perturbed))
 
-    def improved(self, gain: FloatArray) -> LawLoops:
+    def optimised_from(self, gain: FloatArray) -> LawLoops:
         """Return the best law found from a gain L."""
         return TrustRegion(self.family, self.conditions).minimised(gain)
 
@@ -122,7 +124,7 @@ class Program:
                 break
         return search.renewed(min(laws, key=search.merit)) if laws else None
 
-    def withstanding(self, loops: LawLoops) -> tuple[Program, LawLoops]:
+    def stable_when_perturbed(self, loops: LawLoops) -> tuple[Program, LawLoops]:
         """Return a law from this one on that is stable on perturbed devices too, and its program.
 
         Cutting planes: the plants at which the law is the least stable join the conditions, and the law is improved,
@@ -138,8 +140,8 @@ class Program:
             if not len(unstable):
                 break
             known = program.perturbed
-            program = replace(program, perturbed=unstable if known is None else known.and_those_of(unstable))
-            loops = program.improved(loops.gain)
+            program = replace(program, perturbed=unstable if known is None else known.joined_with(unstable))
+            loops = program.optimised_from(loops.gain)
         return program, loops
 
     def meets_goals(self, loops: LawLoops) -> bool:
@@ -181,11 +183,11 @@ class ProgramAnswer:
     def with_goals(self, disk_margin: float = 1.0, noise: float = 1.0, distance: float = 1.0) -> ProgramAnswer:
         """Return the coupling for goals multiplied by factors, from this one on."""
         program = replace(self.program, goals=self.program.goals.times(disk_margin, noise, distance))
-        return replace(self, program=program, loops=program.improved(self.loops.gain))
+        return replace(self, program=program, loops=program.optimised_from(self.loops.gain))
 
-    def withstanding(self) -> ProgramAnswer:
+    def stable_when_perturbed(self) -> ProgramAnswer:
         """Return the coupling that is stable on devices a tenth off too, from this one on; itself where it is."""
-        program, loops = self.program.withstanding(self.loops)
+        program, loops = self.program.stable_when_perturbed(self.loops)
         return self if program is self.program else replace(self, program=program, loops=loops)
 
 
@@ -238,7 +240,7 @@ def program_answers(
         UnsupportedError: device or wall have no law, see `why_no_law`.
     """
     if why := why_no_law(problem):
-        raise UnsupportedError(f"{problem.name}: program: {why}")
+        raise UnsupportedError(f"{problem.name}: no observer law: {why}")
     rendered = problem
     if stiffness_n_per_m is not None and stiffness_n_per_m < problem.environment.stiffness_n_per_m:
         rendered = problem.changed(environment={"stiffness_n_per_m": stiffness_n_per_m, "damping_ns_per_m": 0.0})

@@ -7,7 +7,7 @@ import os
 import shutil
 import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from string import Formatter
 from typing import TYPE_CHECKING, Any, TextIO, get_args
@@ -191,6 +191,16 @@ def largest_value(value: float, of: Quantity, digits: int = 3) -> Value:
 def least_value(value: float, of: Quantity, digits: int = 3) -> Value:
     """Return a value from which on all is well, rounded up, so that it is well as it is printed too."""
     return Value(value, of, digits, math.ceil)
+
+
+def beyond_limit(value: float, limit: float, of: Quantity, *, is_lower: bool) -> tuple[Value, Value]:
+    """Return a value and the limit that it is beyond, rounded into what is stable, with digits that tell them apart."""
+    rounded = least_value if is_lower else largest_value
+    beyond, at_limit = Value(value, of), rounded(limit, of)
+    while beyond.text(LINEAR) == at_limit.text(LINEAR) and at_limit.digits < _ALL_DIGITS:
+        beyond = replace(beyond, digits=beyond.digits + 1)
+        at_limit = replace(at_limit, digits=at_limit.digits + 1)
+    return beyond, at_limit
 
 
 def _rounded(value: float, digits: int, how: Callable[[float], int]) -> float:

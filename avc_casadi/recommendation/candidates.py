@@ -192,12 +192,12 @@ def laws(problem: Problem, rendered_n_per_m: float) -> Iterator[list[ProgramAnsw
         answer for goal in goals for answer in program_answers(problem, goal, stiffness_n_per_m=rendered_n_per_m)
     ]
     yield answers
-    withstanding = [answer.withstanding() for answer in answers]
-    changed = [new for new, old in zip(withstanding, answers, strict=True) if new is not old]
+    stable_when_perturbed = [answer.stable_when_perturbed() for answer in answers]
+    changed = [new for new, old in zip(stable_when_perturbed, answers, strict=True) if new is not old]
     if changed:
         yield changed
     # Without friction a loop that is unstable on a device a tenth off does not rest there.
-    stricter = answers if problem.device.coulomb_friction_n > 0 else withstanding
+    stricter = answers if problem.device.coulomb_friction_n > 0 else stable_when_perturbed
     for step in _STRICTER:
         stricter = [new for answer in stricter if (new := answer.with_goals(*step)).performance.stable]
         yield stricter

@@ -143,7 +143,7 @@ def judged(tables: dict[str, Any], share: float, damper: float) -> dict[str, Any
     problem = Problem(**tables)
     if problem.environment is not None and not (problem.simulation or problem.follower):
         analysis = LawAnalysis(problem)
-        k, lag_s = analysis.largest_stiffness(SpringDamper(1.0, damper)), 0.0
+        (_, k), lag_s = analysis.stiffness_range(SpringDamper(1.0, damper)) or (0.0, 0.0), 0.0
         told = (
             max(analysis.case(SpringDamper(share * k, damper), side).spectral_radius for side in analysis.sides)
             if k

@@ -4,13 +4,15 @@ import itertools
 import math
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from quick import first
 
 import avc_casadi as avc
 from avc_casadi._util.open_end import AboveZero
 from avc_casadi._util.units import LINEAR
 from avc_casadi.model.control_law import LawNumber
-from avc_casadi.present.row import Value, largest_value, stable_ends
+from avc_casadi.present.row import Value, beyond_limit, largest_value, stable_ends
 from avc_casadi.present.rows.pieces import number_limits
 
 DEVICE = "[device]\nmass_kg = 0.1\ndamping_ns_per_m = {drag}\ndelay_samples = {late}\ncoulomb_friction_n = 0.2\n[law]\n"
@@ -62,6 +64,47 @@ def test_a_law_of_one_gain_has_an_open_end_at_0_and_a_small_gain_has_the_same_li
         assert high == pytest.approx(102.94362, rel=1e-6)
     text = str(number_limits({"damping_ns_per_m": intervals[1]})[0])
     assert "above" in text
+
+
+RESONANT = """
+[device]
+mass_kg = 5.5
+damping_ns_per_m = 11.0
+delay_samples = 1
+resonance = {frequency_hz = 40.0, damping_ratio = 0.03, mass_ratio = 0.3}
+encoder_at = "handle"
+[hands]
+mass_kg = [0.3, 2.0]
+[law]
+stiffness_n_per_m = 1000.0
+damping_ns_per_m = 110.0
+"""
+
+
+@pytest.mark.slow
+def test_a_spring_that_is_too_soft_is_below_an_interval_with_two_ends():
+    """Before, the largest spring alone was told of a motor whose damper needs a stiff one beside it."""
+    problem = avc.parse_problem(RESONANT)
+    result = avc.certify_law(problem, remedies=False)
+    ends = result.lowest_stiffness_n_per_m, result.largest_stiffness_n_per_m
+    low, high = (end.printed for end in stable_ends(ends, "stiffness"))
+    assert 1000.0 < low < high
+    for spring, stable in ((low, True), (0.98 * low, False), (high, True), (1.02 * high, False)):
+        assert avc.certify_law(problem, k=spring, b=110.0, remedies=False, limits=False).stable is stable
+
+
+@given(
+    st.floats(1e-6, 1e6),
+    st.sampled_from([1e-9, 1e-6, 1e-3, 0.3]),
+    st.sampled_from(["stiffness", "damping", "mass", "number"]),
+    st.booleans(),
+)
+def test_a_limit_differs_from_the_value_that_is_beyond_it_and_is_good_as_printed(value, share, of, is_lower):
+    limit = value * (1 + share) if is_lower else value / (1 + share)
+    beyond, at_limit = beyond_limit(value, limit, of, is_lower=is_lower)
+    rounding = 1e-9 * limit
+    assert at_limit.printed >= limit - rounding if is_lower else at_limit.printed <= limit + rounding
+    assert beyond.text(LINEAR) != at_limit.text(LINEAR) or share < 1e-8
 
 
 @pytest.mark.parametrize("damper", first([10.0, 25.9]))

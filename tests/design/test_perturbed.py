@@ -93,7 +93,7 @@ def worst(walled, law):
 )
 def test_laws_that_meet_their_goals_are_stable_on_every_device_a_tenth_off(changes, wall_n_per_m):
     walled = problem(changes, wall_n_per_m)
-    answers = [answer.withstanding() for answer in program_answers(walled)]
+    answers = [answer.stable_when_perturbed() for answer in program_answers(walled)]
     laws = [answer for answer in answers if answer.meets_goals]
     assert laws
     for answer in laws:

@@ -94,7 +94,18 @@ def run(block, names, capsys):
         said = capsys.readouterr()
         assert (code, bool(said.out)) == (wanted, True), (place, words, said.err)
         outputs[" ".join(words)] = said.out
+    for line in block.text.splitlines():
+        command, _, comment = line.partition(" #")
+        if command.startswith("avc ") and len(commands(command)) == 1:
+            assert_holds(outputs[" ".join(commands(command)[0])], comment, place)
     return outputs
+
+
+def assert_holds(said, comment, place):
+    """The answer has each number of three or more digits that a comment beside its command has."""
+    for number in re.findall(r"-?\d+(?:\.\d+)?", comment):
+        if len(re.sub(r"[-.]", "", number).lstrip("0")) >= 3:
+            assert number in said, (place, number, said)
 
 
 @pytest.mark.parametrize(

@@ -90,7 +90,7 @@ def test_the_rows_of_a_law_are_those_of_certify():
     # The verdict and the other rows do not wait for the limits.
     at_once = ask("evaluate", gains=gains)
     assert rows_of(at_once).pop("Limits") == "not computed"
-    limits = ("Limits", "Largest k", "Stable b")
+    limits = ("Limits", "Stable k", "Stable b")
     at_once_without = {label: text for label, text in rows_of(at_once).items() if label not in limits}
     assert at_once_without == {label: text for label, text in shown.items() if label not in limits}
     assert at_once["verdicts"]["own"] == whole["verdicts"]["own"]

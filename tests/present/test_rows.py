@@ -29,6 +29,7 @@ mass_kg = 0.3
 damping_ns_per_m = 1.0
 delay_s = 0.001
 stiffness_n_per_m = 50.0
+contact_stiffness_n_per_m = 1000.0
 """
 FEW = {"points": 6}
 LAGGING = {"amplifier_bandwidth_hz": 300.0}

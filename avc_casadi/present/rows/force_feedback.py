@@ -85,7 +85,7 @@ def certificate(result: ForceFeedbackCertificate, shown: str = "") -> Answer:
         row("Deployable", f"{'yes' if result.passed else 'no'}: {result.reason}", mark=admittance.mark_of(result)),
         admittance.margins(result, problem),
         admittance.damping_of(result, _CHANGES.__getitem__),
-        row("Worst case", admittance.worst_case(result.worst)),
+        row("Least stable", admittance.worst_case(result.worst)),
         _felt(result),
         *_limits(result),
         admittance.passivity(result.passivity),
@@ -118,7 +118,7 @@ def recommendation(result: ForceFeedbackRecommendation, shown: str = "", written
             _felt(judged),
             admittance.margins(judged, problem),
             admittance.damping_of(judged, _CHANGES.__getitem__),
-            row("Worst case", admittance.worst_case(judged.worst)),
+            row("Least stable", admittance.worst_case(judged.worst)),
             *_limits(judged),
             admittance.stiffest(judged, problem.contact),
             row("Noise", Value(judged.noise_n, "force"), "rms of the commanded force at rest"),
@@ -166,7 +166,7 @@ def _limits(result: ForceFeedbackCertificate) -> list[Row]:
 def _ideal(limit: IdealLimit, gain: float) -> Row:
     """Return how far an ideal loop is passive, which a motor behind a transmission limits."""
     if math.isinf(limit.gain):
-        why = "no limit: motor and sensor move as one; delay and low pass limit the gain"
+        why = "no limit: nothing gives way between motor and sensor; delay and low pass limit the gain"
         return row("Ideal loop", why)
     least = ("passive up to a gain of", Value(limit.gain, "number"), ", apparent mass")
     beyond = (Value(limit.apparent_mass_kg, "mass"), ", that between transmission and sensor")

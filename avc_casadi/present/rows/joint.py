@@ -60,7 +60,7 @@ def certificate(result: JointCertificate, shown: str = "") -> Answer:
         row("Stable", "yes" if result.stable else "no", _why(result), mark=mark),
         row("Margins", "disk", Value(result.disk_margin, "number", 2), ",", gain, mark=caution(not result.sound)),
         row("Damping ratio", ratio),
-        row("Worst case", _joint(result.worst)),
+        row("Least stable", _joint(result.worst)),
         row("Stable kp", _stretch(result.stiffness_n_per_m, "stiffness", math.inf), "at this kd"),
         row("Stable kd", _stretch(result.damping_ns_per_m, "damping", math.inf), "at this kp"),
         row("Largest step", _largest_step(result)),

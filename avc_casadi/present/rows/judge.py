@@ -42,12 +42,13 @@ from avc_casadi.simulation.screen import EffectCost, SceneCost
 
 _ENDING_MARKS = {"asymptotic": Mark.PASS, "held-by-friction": Mark.CAUTION, "unstable": Mark.FAIL}
 """Marks of a run by its claim."""
-_CURVES: dict[CurveKey, str] = {
-    "passive-paper": "Passive, paper",
-    "passive-sampled-data": "Passive, sampled",
-    "stable-released": "Stable, released",
-    "stable-hands": "Stable, all hands",
+_CURVES: dict[CurveKey, tuple[str, str]] = {
+    "passive-sampled-data": ("Passive", ""),
+    "stable-released": ("Stable, released", ""),
+    "stable-hands": ("Stable, all hands", ", held only, not released"),
+    "passive-paper": ("Passive, paper", ", with the ideal hold of the paper, which this device does not have"),
 }
+"""Names of the curves, and for what they hold where that is not the device."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +62,7 @@ class _LawValue:
 
 _LAW = {
     "stiffness_n_per_m": _LawValue("k", "--k", "stiffness"),
-    "damping_ns_per_m": _LawValue("b in the wall", "--b", "damping"),
+    "damping_ns_per_m": _LawValue("b", "--b", "damping"),
     "local_damping_ns_per_m": _LawValue("b_p everywhere", "--b-p", "damping"),
     "cutoff_hz": _LawValue("cutoff", "--cutoff-hz", "frequency"),
     "sample_time_s": _LawValue("sample time", "", "time"),
@@ -165,7 +166,7 @@ def own_law(result: LawCertificate, shown: str = "") -> Answer:
     problem = result.problem
     shown = shown or subject.name_of(problem)
     law = {key: value for key, value in vars(result.law).items() if value}
-    title = _law(law) if isinstance(result.law, SpringDamper) else pieces.named(result.law)
+    title = _law(law) if isinstance(result.law, SpringDamper) else pieces.as_stated(result.law, problem)
     onwards = []
     typed = [remedy.changes for remedy in result.remedies or () if all(_LAW[key].option for key in remedy.changes)]
     if typed:
@@ -199,7 +200,7 @@ def _law_rows(result: LawCertificate) -> list[Row]:
     rows = [
         row("Deployable", f"{'yes' if result.passed else 'no'}: {result.reason}", mark=mark),
         *_law_loops(result),
-        row("Worst case", subject.hand(result.held.hand)),
+        row("Least stable", subject.hand(result.held.hand)),
     ]
     if result.free is not None:
         disk = result.free.margins.disk
@@ -391,7 +392,7 @@ def walls(result: ZWidth, shown: str = "") -> Answer:
     if unused := ", ".join(key for key in result.not_used_keys if key != "law"):
         rows.append(row("Not used", f"{unused}: declared, but not part of these claims", mark=Mark.CAUTION))
     curve_of = result.curve_of
-    rows += [_stiffest_wall(label, curve_of[key], result) for key, label in _CURVES.items() if key in curve_of]
+    rows += [_stiffest_wall(*words, curve_of[key], result) for key, words in _CURVES.items() if key in curve_of]
     rows.append(subject.passive_limit(result.passive_limit_n_per_m))
     if result.encoder_limit_n_per_m is not None:
         source = "for a passive wall, 2 f_c/Delta (Abbott and Okamura 2005)"
@@ -410,17 +411,16 @@ def _requested_wall(result: ZWidth) -> Row:
     return row("Without coupling", bare, mark=grade(whole, Mark.CAUTION))
 
 
-def _stiffest_wall(label: str, curve: Curve, result: ZWidth) -> Row:
+def _stiffest_wall(label: str, scope: str, curve: Curve, result: ZWidth) -> Row:
     """Return the stiffest wall of which a claim holds."""
     walls = zip(curve.stiffness_n_per_m.tolist(), result.damping_ns_per_m.tolist(), strict=True)
     known = [(stiffness, damping) for stiffness, damping in walls if math.isfinite(stiffness)]
     if not known:
         return row(label, "none")
     stiffness, damping = max(known)
-    held = ", held only, not released" if curve.key == "stable-hands" else ""
     beyond = "; larger wall dampings were not searched" if damping == result.damping_ns_per_m[-1] else ""
     wall = (Value(stiffness, "stiffness"), "with a wall damping of", Value(damping, "damping"))
-    return row(label, "up to", *wall, f"{held}{beyond}")
+    return row(label, "up to", *wall, f"{scope}{beyond}")
 
 
 def scene(result: SimulatedScene, problem: Problem, shown: str = "") -> Answer:

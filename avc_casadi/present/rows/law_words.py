@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from avc_casadi._util.page import worded
-from avc_casadi._util.text import quantity
 from avc_casadi._util.units import Units
 from avc_casadi.claims.law_analysis import SpringDamper
 from avc_casadi.claims.law_limits import BeyondLimit, LimitSide
@@ -12,15 +11,8 @@ from avc_casadi.loops.margins import LEAST_DISK, SOUND_DISK
 from avc_casadi.loops.plant_family import PlantFamily
 from avc_casadi.model.control_law import ControlLaw
 from avc_casadi.model.device import Device
-from avc_casadi.present.row import Value
+from avc_casadi.present.row import beyond_limit, quantity_of
 from avc_casadi.present.rows.pieces import GAINS
-
-_NAMES = {
-    "stiffness_n_per_m": ("k", "N/m"),
-    "damping_ns_per_m": ("b", "N.s/m"),
-    "local_damping_ns_per_m": ("b_p", "N.s/m"),
-}
-"""Names and units of the numbers of a spring and damper."""
 
 
 def law_clauses(certificate: LawCertificate, units: Units) -> tuple[str, ...]:
@@ -68,10 +60,10 @@ def _plain_cause(certificate: LawCertificate, units: Units) -> str:
     late = f"{_late(certificate.problem.device)}{ranges}"
     if beyond.side is LimitSide.NONE_STABLE:
         return f"no damper b stabilises this k {late}"
-    name, unit = _NAMES[beyond.key]
-    value, limit = (quantity(number, units.unit(unit)) for number in (beyond.value, beyond.limit))
+    name, value, limit = _value_and_limit(beyond, units)
     if beyond.side is LimitSide.BELOW:
-        return f"{name} {value} is below the {limit} that this k needs {late}"
+        other = "b" if name == "k" else "k"
+        return f"{name} {value} is below the {limit} that this {other} needs {late}"
     outside = " outside the wall" if beyond.side is LimitSide.ABOVE_OUTSIDE else ""
     return f"{name} {value} is above its largest{outside}, {limit}, {late}"
 
@@ -102,7 +94,13 @@ def beyond_clauses(beyond: BeyondLimit, units: Units) -> tuple[str, ...]:
 def _beyond(beyond: BeyondLimit, units: Units) -> str:
     """Return a number and the limit that it is beyond."""
     side = "below its lowest" if beyond.side is LimitSide.BELOW else "above its largest"
-    value, limit = (Value.of(beyond.key, number, 4).text(units) for number in (beyond.value, beyond.limit))
-    name = GAINS.get(beyond.key, units.key(beyond.key))
-    name = name if units.linear else name.replace("mass", "inertia")
+    name, value, limit = _value_and_limit(beyond, units)
     return f"{name} {value} is {side}, {limit}"
+
+
+def _value_and_limit(beyond: BeyondLimit, units: Units) -> tuple[str, str, str]:
+    """Return name, value and limit of a number as texts."""
+    is_lower = beyond.side is LimitSide.BELOW
+    value, limit = beyond_limit(beyond.value, beyond.limit, quantity_of(beyond.key), is_lower=is_lower)
+    name = GAINS.get(beyond.key, units.key(beyond.key))
+    return name if units.linear else name.replace("mass", "inertia"), value.text(units), limit.text(units)

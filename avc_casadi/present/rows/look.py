@@ -183,8 +183,8 @@ def _asked_of_wall(end: Wall, result: CheckedProblem) -> list[Row]:  # noqa: ARG
     lowest, highest = Value(result.lowest_hz, "frequency"), Value(result.highest_hz, "frequency")
     nyquist = Value(result.nyquist_hz, "frequency")
     rows = [
-        row("Requested", f"structure {structure}, model {stability.model}, scope {stability.scope}"),
-        row("Frequencies", f"{result.frequencies},", lowest, "to", highest, "; Nyquist", nyquist),
+        row("Requested", f"structure {structure}, model {stability.model}, scope {stability.scope}", rank=1),
+        row("Frequencies", f"{result.frequencies} from", lowest, "to", highest, "; Nyquist", nyquist),
         subject.passive_limit(result.passive_limit_n_per_m),
     ]
     if keys := declared(stated):

@@ -26,7 +26,6 @@ from avc_casadi.present.row import (
     caution,
     commas,
     grade,
-    largest_value,
     parts,
     quantity_of,
     row,
@@ -41,6 +40,8 @@ GAINS = {
     "virtual_mass_kg": "virtual mass",
     "friction_compensation.force_n": "compensation",
     "force_feedback.cutoff_hz": "low pass",
+    "admittance.mass_kg": "mass",
+    "admittance.damping_ns_per_m": "damping",
 }
 """Names of the gains of a law in an answer."""
 
@@ -50,6 +51,11 @@ def named(law: ControlLaw | StatedSystem) -> tuple[Part, ...]:
     if isinstance(law, StatedSystem):
         return (f"a discrete system of {law.stated.states} states",)
     return commas(_pieces(law))
+
+
+def as_stated(law: ControlLaw | StatedSystem, problem: Problem) -> tuple[Part, ...]:
+    """Return what a judged law is, with the rate divider of its problem: it is judged as a law of that slower rate."""
+    return named(problem.law if isinstance(law, ControlLaw) and problem.law is not None else law)
 
 
 def _pieces(law: ControlLaw) -> Iterator[Parts]:
@@ -130,7 +136,9 @@ def friction(result: LawCertificate) -> list[Row]:
     if isinstance(law, ControlLaw) and law.friction_compensation is not None:
         force_n, least_n = law.friction_compensation.force_n, least_friction_n(device)
         how = "above" if force_n > least_n else "up to"
-        pushes = ("pushes with", Value(force_n, "force"), f", {how} the least friction,", Value(least_n, "force"))
+        source = "" if device.range.coulomb_friction_n is not None else "(half of what is declared)"
+        least = ("the least friction,", Value(least_n, "force"), source)
+        pushes = ("pushes with", Value(force_n, "force"), f", {how}", least)
         rows.append(row("Compensation", pushes, mark=caution(force_n > least_n)))
     if credit is not None:
         rows.append(row("By friction", _credit(credit), mark=grade(credit.suffices(device), Mark.FAIL)))
@@ -164,9 +172,10 @@ def law_limits(result: LawCertificate) -> list[Row]:
     """Return what the law renders, its limits, and the noise of its force."""
     at_rest = (Value(result.static_stiffness_n_per_m, "stiffness"), "at rest")
     moving = [(Value(stiffness, "stiffness"), f"at {hz:g} Hz") for hz, stiffness in result.rendered_n_per_m.items()]
-    largest, allowed = result.largest_stiffness_n_per_m, result.damping_range_ns_per_m
+    springs = (result.lowest_stiffness_n_per_m, result.largest_stiffness_n_per_m)
+    allowed = result.damping_range_ns_per_m
     limits_of = [
-        row("Largest k", largest_value(largest, "stiffness") if largest else "none", "at this b"),
+        row("Stable k", _stretch("stiffness_n_per_m", springs) if springs[1] else "none", "at this b"),
         row("Stable b", "none" if allowed is None else _stretch("damping_ns_per_m", allowed), "at this k"),
     ]
     if not result.limited:

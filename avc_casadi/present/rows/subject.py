@@ -211,7 +211,7 @@ def passive_limit(limit_n_per_m: float | None) -> Row:
             "Passive limit", "not computed: it needs a rigid device, an ideal amplifier and whole samples of delay"
         )
     if limit_n_per_m == 0:
-        return row("Passive limit", "none: [device] declares no damping")
+        return row("Passive limit", Value(0.0, "stiffness"), ": [device] declares no damping, and no wall is passive")
     return row(
         "Passive limit",
         Value(limit_n_per_m, "stiffness"),

@@ -63,8 +63,9 @@ typedef struct {{
 /* Forget everything. Call it once before the first step, and whenever sampling has paused. */
 void avc_coupling_start(avc_coupling_t *coupling);
 
-/* One sample. position_m: as measured, signed, never clipped: above 0 inside the wall, below 0 outside.
- * Returns the force on the device, N, positive out of the wall{limited}; never NaN.
+/* One sample. position_m: as measured, signed, never clipped{sides}.
+ * Returns the force on the device, N{limited}; never NaN.
+ * {sense}
 {faults}
  */
 {real} avc_coupling_step(avc_coupling_t *coupling, {real} position_m);
@@ -104,6 +105,12 @@ _AMONG_DETENTS = """\
 AMONG DETENTS. Where a position is refused the force is 0, and stays 0 until the device has been at 0 or below and
 two positions in a row are believed; then it comes back within as many samples as were lost, {fade:.4g} s at most."""
 
+_OUT_OF_THE_WALL = "A positive force acts towards negative positions, out of the wall."
+_SENSE: dict[Place, str] = {
+    "wall": _OUT_OF_THE_WALL,
+    "detents": _OUT_OF_THE_WALL,
+    "everywhere": "A positive force acts towards negative positions: a spring gives one where position_m is above 0.",
+}
 _SOURCE = """\
 /* Coupling {id}: the expressions of avc-casadi's scenes, one statement an operation; do not edit. */
 #include "avc_coupling.h"
@@ -404,6 +411,8 @@ def _header(subject: CSubject, program: CouplingProgram, precision: Precision) -
         real=precision.c_type,
         table="" if program.before is None else "; on AVR the table stays in flash",
         states="\n".join(f"    {precision.c_type} {name};" for name in program.states),
+        sides="" if subject.place == "everywhere" else ": above 0 inside the wall, below 0 outside",
+        sense=_SENSE[subject.place],
         limited="" if force is None else ", limited at AVC_COUPLING_MAX_FORCE_N",
         sensor=SENSOR_TYPE.format(real=precision.c_type, more=_RUNS),
         faults=_fault_model(device, _GUARDS[subject.place]),

@@ -130,7 +130,8 @@ typedef struct {{
 _ENGINE_CALLS = """\
 void avc_coupling_init(avc_coupling_t *coupling);
 
-/* One sample of the device, its position as measured; returns the force on it, N; never NaN. */
+/* One sample of the device, its position as measured.
+ * Returns the force on it, N, positive towards positive positions; never NaN. */
 {real} avc_coupling_step(avc_coupling_t *coupling, {real} position_m, {given});
 
 /* The two halves of avc_coupling_step, for an engine that steps between them. */
@@ -142,9 +143,9 @@ void avc_coupling_alive(avc_coupling_t *coupling);
 
 """
 _TOOL_FORCE = """\
-/* The force on the tool{without}, in units of the scene, from the device's newest sample: once in each
- * step of the engine, with position and velocity that the step begins with. 0 before the first sample, and where one
- * of them is no number. */
+/* The force on the tool{without}, in units of the scene, positive towards positive positions, from the
+ * device's newest sample: once in each step of the engine, with position and velocity that the step begins with. 0
+ * before the first sample, and where one of them is no number. */
 {real} avc_coupling_tool_force(avc_coupling_t *coupling, {real} tool_position_m, {real} tool_velocity_m_per_s);
 """
 _TARGET = """\
@@ -163,7 +164,7 @@ void avc_coupling_init(avc_coupling_t *coupling, const avc_coupling_end_t *end);
 extern const avc_coupling_end_t AVC_COUPLING_LEADER;
 extern const avc_coupling_end_t AVC_COUPLING_FOLLOWER;
 
-/* One sample; returns the force on the own device, N, along its positions; never NaN.
+/* One sample; returns the force on the own device, N, positive towards its positive positions; never NaN.
  * position_m: as measured. message: one that has arrived, or NULL. */
 {real} avc_coupling_step(avc_coupling_t *coupling, {real} position_m, const avc_coupling_message_t *message);
 
