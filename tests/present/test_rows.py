@@ -67,7 +67,9 @@ SLOW = {
     "own law, turning": lambda: avc.certify_law("smartknob", k=0.06, b=0.001),
     "follower": lambda: avc.recommend(avc.parse_problem(FOLLOWER), 4),
     "knob": lambda: avc.recommend("knob", hands=4),
-    "simulation": lambda: avc.recommend("tool/mujoco-500hz", hands=3),
+    "simulation": lambda: avc.recommend(
+        avc.load_problem("tool/mujoco-500hz").changed(simulation={"clock": "device"}), hands=3
+    ),
     "wheel": lambda: avc.recommend("tool/wheel-game-62hz", hands=3),
     "own law, turning, unstable": lambda: avc.certify_law("smartknob", k=60.0),
 }
