@@ -224,9 +224,9 @@ class LawAnalysis:
             walls = self._walls(law, np.array([law.damper_ns_per_m]))
             lowest, largest = walls.lowest_n_per_m[0], walls.largest_n_per_m[0]
             around_law = (lowest <= law.stiffness_n_per_m) & (law.stiffness_n_per_m <= largest)
-            interval = int(around_law.argmax())
+            column = int(around_law.argmax())
             # An end is a value that is judged stable: just inside the edge.
-            low, high = (float(np.nan_to_num(ends[interval])) for ends in (lowest, largest))
+            low, high = (float(np.nan_to_num(edges[column])) for edges in (lowest, largest))
             low, high = max(low, 0.0) / _JUST_BELOW, high * _JUST_BELOW
             ends = [replace(law, stiffness_n_per_m=k) for k in {low, high} if k]
             if self._confirm(*ends):

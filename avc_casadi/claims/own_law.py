@@ -311,11 +311,6 @@ class _NumberLimits:
     of_numbers: dict[str, Interval | None]
     of_factor: Interval | None
 
-    def lowest(self, key: str) -> float | None:
-        """Return the lowest stable value of a number; None where the law has none, or no value is stable."""
-        interval = self.of_numbers.get(key)
-        return None if interval is None else interval[0]
-
     def largest(self, key: str) -> float | None:
         """Return the largest stable value of a number; None where the law has none, or no value is stable."""
         interval = self.of_numbers.get(key)
@@ -370,14 +365,15 @@ def _certify_pieces(law: ControlLaw | StatedSystem, problem: Problem, how: _How,
     static = static_gain(linear)
     stable = all(case.stable for case in (*cases, *free))
     least_factor, largest_factor = limits.of_factor or (0.0, 0.0)
+    springs = (limits.of_numbers.get("stiffness_n_per_m") or (0.0, 0.0)) if how.limits else (math.nan, math.nan)
     return LawCertificate(
         problem=problem,
         law=law,
         held=cases[0],
         released=cases[1] if len(cases) > 1 else None,
         free=_worst_of(free, slower) if free else None,
-        lowest_stiffness_n_per_m=(limits.lowest("stiffness_n_per_m") or 0.0) if how.limits else math.nan,
-        largest_stiffness_n_per_m=(limits.largest("stiffness_n_per_m") or 0.0) if how.limits else math.nan,
+        lowest_stiffness_n_per_m=springs[0],
+        largest_stiffness_n_per_m=springs[1],
         damping_range_ns_per_m=limits.of_numbers.get("damping_ns_per_m"),
         largest_local_damping_ns_per_m=limits.largest("local_damping_ns_per_m"),
         static_stiffness_n_per_m=static if math.isinf(static) else stiffness_at_handle(device, static),

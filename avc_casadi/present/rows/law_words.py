@@ -62,8 +62,8 @@ def _plain_cause(certificate: LawCertificate, units: Units) -> str:
         return f"no damper b stabilises this k {late}"
     name, value, limit = _value_and_limit(beyond, units)
     if beyond.side is LimitSide.BELOW:
-        other = "b" if name == "k" else "k"
-        return f"{name} {value} is below the {limit} that this {other} needs {late}"
+        needing = "b" if name == "k" else "k"
+        return f"{name} {value} is below the {limit} that this {needing} needs {late}"
     outside = " outside the wall" if beyond.side is LimitSide.ABOVE_OUTSIDE else ""
     return f"{name} {value} is above its largest{outside}, {limit}, {late}"
 
